@@ -1,0 +1,1 @@
+"""What crosses between rooms: errors, configuration base, Arrow schemas, MCAP topics, manifests."""

@@ -1,0 +1,38 @@
+"""Errors every room raises; the command line turns each into one message and an exit code (SPEC §1)."""
+
+from collections.abc import Iterable
+
+
+class PipelineError(Exception):
+    """An expected failure. The message says what is wrong, where, and what to do about it."""
+
+    exit_code = 4
+
+
+class ConfigError(PipelineError):
+    """Wrong usage or configuration."""
+
+    exit_code = 2
+
+
+class ArtifactError(PipelineError):
+    """An input artifact is missing, damaged, foreign or of an unknown schema version."""
+
+    exit_code = 3
+
+
+class MachineError(PipelineError):
+    """This machine cannot do it: no GL, disk full, no GPU where one was asked for, unstable simulation."""
+
+    exit_code = 4
+
+
+class Interrupted(PipelineError):
+    """The user asked to stop; what was finished is on disk."""
+
+    exit_code = 130
+
+
+def unknown_choice(what: str, given: str, valid: Iterable[str]) -> str:
+    """Message for a name that is not one of the valid ones, listing them."""
+    return f"unknown {what} {given!r}; valid: {', '.join(sorted(valid))}"

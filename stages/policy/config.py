@@ -1,0 +1,102 @@
+"""Configuration of policy training (SPEC §5)."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from schemas.config import Config
+from stages.sim.config import MisalignmentKind, TaskName, WorldConfig
+
+Scheme = Literal["dense", "sparse", "oracle", "dense2sparse"]
+Degrees = Annotated[float, Field(ge=0, le=90)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+
+
+class TD3Config(Config):
+    """Fujimoto et al. 2018, with the paper's discount."""
+
+    gamma: Annotated[float, Field(ge=0, lt=1)] = 0.9
+    """Discount; paper §III."""
+    tau: Annotated[float, Field(gt=0, le=1)] = 0.005
+    """Share of the online network in each soft update of the targets."""
+    learning_rate: Annotated[float, Field(gt=0, le=1)] = 1e-3
+    hidden: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (256, 256)
+    batch_size: Annotated[int, Field(ge=1)] = 256
+    policy_delay: Annotated[int, Field(ge=1)] = 2
+    """Critic updates per actor and target update."""
+    target_noise: Annotated[float, Field(ge=0)] = 0.2
+    """Standard deviation of the noise on target actions."""
+    target_noise_clip: Annotated[float, Field(ge=0)] = 0.5
+    exploration_noise: Annotated[float, Field(ge=0)] = 0.2
+    """Standard deviation of the Gaussian noise on training actions, of the normalised range."""
+    buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
+    """Transitions kept for replay, oldest dropped first."""
+
+
+class RunConfig(Config):
+    """One run but for its identity: what every cell of a matrix shares."""
+
+    episodes: Annotated[int, Field(ge=1)] = 300
+    """Training episodes."""
+    warmup_episodes: Annotated[int, Field(ge=0)] = 5
+    """Episodes of uniformly random actions, without updates, before learning starts."""
+    switch_episode: Annotated[int, Field(ge=0)] = 100
+    """dense2sparse: first training episode under the sparse reward."""
+    buffer: Literal["keep", "relabel", "empty"] = "keep"
+    """dense2sparse: what becomes at the switch of the dense rewards in the replay buffer."""
+    reset: Literal["none", "critics", "all"] = "none"
+    """dense2sparse: which networks are drawn afresh at the switch."""
+    updates_per_step: Annotated[int, Field(ge=0)] = 1
+    proprioception: Literal["forward_kinematics", "joints"] = "forward_kinematics"
+    """forward_kinematics adds gripper position and estimated cube-gripper vector; joints: the paper's list."""
+    eval_every: Annotated[int, Field(ge=1)] = 20
+    """Training episodes between evaluations."""
+    eval_episodes: Annotated[int, Field(ge=1)] = 5
+    final_episodes: Annotated[int, Field(ge=0)] = 200
+    """Fresh episodes of the final evaluation."""
+    checkpoint_every: Annotated[int, Field(ge=1)] = 10
+    """Training episodes between checkpoints (`--resume` continues from the last) and log parts."""
+    log_updates_every: Annotated[int, Field(ge=1)] = 100
+    td3: TD3Config = TD3Config()
+
+
+class MatrixConfig(RunConfig):
+    """A matrix of runs: tasks × schemes × misalignments × seeds."""
+
+    tasks: Annotated[tuple[TaskName, ...], Field(min_length=1)] = ("reach",)
+    schemes: Annotated[tuple[Scheme, ...], Field(min_length=1)] = ("dense", "sparse", "oracle", "dense2sparse")
+    misalignment_kind: MisalignmentKind = "orbit"
+    """Default: the kind whose effect on the estimate is closest to the paper's (MEASURED: 1.4, 2.4 cm at 5°, 10°)."""
+    misalignment_degrees: Annotated[tuple[Degrees, ...], Field(min_length=1)] = (0.0,)
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
+    device: Literal["cpu", "cuda"] = "cpu"
+    workers: Annotated[int, Field(ge=0, le=256)] = 1
+    """Processes that simulate and render; 0: in this process. The logs do not depend on it."""
+    threads: Annotated[int, Field(ge=1, le=256)] = 1
+    """CPU threads of the networks."""
+    reach: dict[str, Any] = {}
+    """Keys of this section that differ for reach."""
+    lift: dict[str, Any] = {}
+    """Keys of this section that differ for lift."""
+
+    @model_validator(mode="after")
+    def _check_overrides(self) -> "MatrixConfig":
+        if self.reach:
+            self.for_task("reach")
+        if self.lift:
+            self.for_task("lift")
+        return self
+
+    def for_task(self, task: TaskName) -> "MatrixConfig":
+        """This matrix for one task, its overrides applied."""
+        overrides = getattr(self, task)
+        base = self.model_dump(exclude={"reach", "lift"})
+        merged = {**base, **overrides, "td3": {**base["td3"], **overrides.get("td3", {})}, "tasks": (task,)}
+        return MatrixConfig.model_validate(merged)
+
+
+class PolicyStageConfig(Config):
+    """Everything a matrix of runs depends on, besides its estimator."""
+
+    world: WorldConfig = WorldConfig()
+    policy: MatrixConfig = MatrixConfig()
