@@ -42,5 +42,5 @@ class CameraConfig(Config):
     """Camera centre in the world [m]; the table top's centre is (0, 0, 0.8)."""
     target: Vector3 = (0.0, 0.0, 0.83)
     """Point in the world [m] at the image centre."""
-    fovy: Annotated[float, Field(gt=5, lt=120)] = 45.0
+    fovy: Annotated[float, Field(gt=5, lt=120)] = 36.0
     """Vertical field of view [degrees]."""

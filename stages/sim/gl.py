@@ -22,7 +22,6 @@ def make_context(size: int):  # noqa: ANN201 — the class depends on the platfo
     Raises:
         MachineError: this machine has no OpenGL that needs no screen.
     """
-    choose_backend()
     try:
         import mujoco
 

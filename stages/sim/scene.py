@@ -7,13 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from stages.sim.config import WorldConfig
-from stages.sim.gl import choose_backend
-
-choose_backend()
 logging.disable(logging.WARNING)  # robosuite's import warns of optional parts that this project leaves out
 
-import mujoco  # noqa: E402 — after the OpenGL backend is chosen
 import robosuite  # noqa: E402
 from robosuite.controllers import load_composite_controller_config, load_part_controller_config  # noqa: E402
 from robosuite.environments.manipulation.lift import Lift  # noqa: E402
@@ -24,6 +19,7 @@ from robosuite.utils.log_utils import ROBOSUITE_DEFAULT_LOGGER  # noqa: E402
 logging.disable(logging.NOTSET)
 ROBOSUITE_DEFAULT_LOGGER.setLevel(logging.ERROR)
 
+from stages.sim.config import WorldConfig  # noqa: E402
 from stages.sim.controller import VelocityGains  # noqa: E402
 
 CUBE_HALF_SIZE = 0.025  # [m]; paper §V-B: 5 × 5 × 5 cm
