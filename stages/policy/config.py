@@ -1,5 +1,7 @@
 """Configuration of policy training (SPEC §5)."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -93,6 +95,31 @@ class MatrixConfig(RunConfig):
         base = self.model_dump(exclude={"reach", "lift"})
         merged = {**base, **overrides, "td3": {**base["td3"], **overrides.get("td3", {})}, "tasks": (task,)}
         return MatrixConfig.model_validate(merged)
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """One cell of a matrix: what to train, and where its logs go."""
+
+    run_id: str  # NAME/CELL
+    task: TaskName
+    scheme: Scheme
+    misalignment_kind: MisalignmentKind
+    misalignment_deg: float
+    seed: int
+    world: WorldConfig
+    config: RunConfig
+    out: Path
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    run_id: str
+    status: Literal["complete", "failed"]
+    summary: dict[str, Any]
+    error: str | None = None
 
 
 class PolicyStageConfig(Config):

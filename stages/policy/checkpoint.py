@@ -1,0 +1,109 @@
+"""Checkpoints of a run: its networks and where it stood. Each is a directory that is whole or absent."""
+
+import json
+import shutil
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from schemas.errors import ArtifactError
+from schemas.files import fsync_directory, write_bytes
+from stages.policy.td3 import TD3
+
+KEPT = 2  # runs of a matrix may have been killed one checkpoint apart
+
+
+@dataclass(frozen=True, order=True)
+class Position:
+    """How far a run is."""
+
+    episodes: int  # training episodes finished
+    final: int  # episodes of the final evaluation finished
+
+    @property
+    def name(self) -> str:
+        return f"{self.episodes:06d}-{self.final:06d}"
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """What a checkpoint knows besides the networks."""
+
+    episodes: int
+    final: int
+    counts: dict[str, int]  # of the log
+
+
+def available(out: Path) -> list[Position]:
+    """Positions of a run's checkpoints, oldest first."""
+    names = [path.name.split("-") for path in out.glob("checkpoints/??????-??????")]
+    return sorted(Position(int(episodes), int(final)) for episodes, final in names)
+
+
+def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+    """Write a checkpoint of one run and drop all but the last few."""
+    directory = out / "checkpoints" / position.name
+    temporary = out / "checkpoints" / f".{position.name}.tmp"
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    save_file({name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}, temporary / "td3.safetensors")
+    remembered = Remembered(position.episodes, position.final, counts)
+    write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
+    shutil.rmtree(directory, ignore_errors=True)
+    temporary.replace(directory)
+    fsync_directory(directory.parent)
+    for old in available(out)[:-KEPT]:
+        shutil.rmtree(out / "checkpoints" / old.name)
+
+
+def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
+    """Put a run's networks back and return the rest.
+
+    Raises:
+        ArtifactError: the checkpoint is damaged or of other networks.
+    """
+    directory = out / "checkpoints" / position.name
+    try:
+        saved = load_file(directory / "td3.safetensors")
+        for name, rows in _tensors(td3).items():
+            rows[row].copy_(saved[name])
+        return Remembered(**json.loads((directory / "state.json").read_bytes()))
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
+        raise ArtifactError(f"checkpoint {directory} cannot be read ({error}); remove it to resume earlier") from error
+
+
+def publish(out: Path, td3: TD3, row: int, description: dict[str, object]) -> None:
+    """Keep the finished run's networks under standard names, and drop the checkpoints."""
+    width = td3.critic_net.parameters
+    networks = {
+        "actor": td3.actor_net.named(td3.actor[row]),
+        "critic1": td3.critic_net.named(td3.critic[row, :width]),
+        "critic2": td3.critic_net.named(td3.critic[row, width:]),
+    }
+    tensors = {f"{net}.{name}": value.cpu() for net, named in networks.items() for name, value in named.items()}
+    directory = out / "checkpoints"
+    directory.mkdir(exist_ok=True)
+    save_file(tensors, directory / "policy.safetensors")
+    write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
+    for position in available(out):
+        shutil.rmtree(directory / position.name)
+
+
+def _tensors(td3: TD3) -> dict[str, Tensor]:
+    """Everything that learning changes, a row per run."""
+    return {
+        "actor": td3.actor,
+        "critic": td3.critic,
+        "actor_target": td3.actor_target,
+        "critic_target": td3.critic_target,
+        "actor_mean": td3.actor_optimiser.mean,
+        "actor_square": td3.actor_optimiser.square,
+        "actor_steps": td3.actor_optimiser.steps,
+        "critic_mean": td3.critic_optimiser.mean,
+        "critic_square": td3.critic_optimiser.square,
+        "critic_steps": td3.critic_optimiser.steps,
+        "updates": td3.updates,
+    }

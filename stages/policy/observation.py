@@ -1,0 +1,23 @@
+"""What the policy sees: the cube's estimated position and proprioception (SPEC §5)."""
+
+import numpy as np
+
+JOINTS_DIM = 18  # cube 3, joint positions 7, joint velocities 7, gripper opening 1
+FORWARD_KINEMATICS_DIM = JOINTS_DIM + 6  # gripper point 3, cube − gripper point 3
+
+
+def observation_dim(proprioception: str) -> int:
+    """Length of an observation."""
+    return FORWARD_KINEMATICS_DIM if proprioception == "forward_kinematics" else JOINTS_DIM
+
+
+def observe(states: np.ndarray, cubes: np.ndarray, proprioception: str) -> np.ndarray:
+    """Observations (n, dim) float32 of states (n,) with cube positions (n, 3) [m], estimated or, for the oracle, true.
+
+    Order: cube [m], joint positions [rad], joint velocities [rad/s], gripper opening [m]; with forward kinematics also
+    gripper point [m] and cube − gripper point [m].
+    """
+    parts = [cubes, states["qpos"], states["qvel"], states["gripper_opening"][:, None]]
+    if proprioception == "forward_kinematics":
+        parts += [states["eef"], cubes - states["eef"]]
+    return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")

@@ -1,0 +1,63 @@
+"""Replay memory of many runs, and what the switch of rewards does to it."""
+
+import numpy as np
+import torch
+
+from stages.policy.td3 import Batch
+
+
+class ReplayBuffer:
+    """One ring per run, on the CPU. Rows keep the sparse reward too, so that a switch can relabel them."""
+
+    def __init__(self, runs: int, capacity: int, observation_dim: int, action_dim: int) -> None:
+        self.capacity = capacity
+        self.size = np.zeros(runs, dtype=np.int64)
+        self._next = np.zeros(runs, dtype=np.int64)
+        self._observation = np.zeros((runs, capacity, observation_dim), dtype=np.float32)
+        self._next_observation = np.zeros_like(self._observation)
+        self._action = np.zeros((runs, capacity, action_dim), dtype=np.float32)
+        self._reward = np.zeros((runs, capacity), dtype=np.float32)
+        self._reward_sparse = np.zeros((runs, capacity), dtype=np.float32)
+        self._terminated = np.zeros((runs, capacity), dtype=np.float32)
+
+    def add(
+        self,
+        run: int,
+        observation: np.ndarray,  # (k, o)
+        action: np.ndarray,  # (k, a)
+        reward: np.ndarray,  # (k,)
+        reward_sparse: np.ndarray,  # (k,)
+        next_observation: np.ndarray,  # (k, o)
+        terminated: np.ndarray,  # (k,)
+    ) -> None:
+        """Append k transitions to a run's ring, the oldest falling out."""
+        rows = (self._next[run] + np.arange(len(reward))) % self.capacity
+        self._observation[run, rows], self._next_observation[run, rows] = observation, next_observation
+        self._action[run, rows], self._terminated[run, rows] = action, terminated
+        self._reward[run, rows], self._reward_sparse[run, rows] = reward, reward_sparse
+        self._next[run] = (self._next[run] + len(reward)) % self.capacity
+        self.size[run] = min(self.size[run] + len(reward), self.capacity)
+
+    def switch(self, run: int, treatment: str) -> None:
+        """What becomes of the dense rewards of a run at the switch: `keep`, `relabel` as sparse, or `empty`."""
+        if treatment == "relabel":
+            self._reward[run] = self._reward_sparse[run]
+        elif treatment == "empty":
+            self.size[run] = self._next[run] = 0
+
+    def sample(self, batch_size: int, generators: list[np.random.Generator], device: str) -> Batch:
+        """Uniformly with replacement from each run's ring with its own random stream; an empty ring gives zeros."""
+        draws = zip(self.size, generators, strict=True)
+        rows = np.stack([rng.integers(0, max(int(size), 1), batch_size) for size, rng in draws])  # (n, b)
+        runs = np.arange(len(rows))[:, None]
+
+        def gather(array: np.ndarray) -> torch.Tensor:
+            return torch.from_numpy(array[runs, rows]).to(device)
+
+        return Batch(
+            observation=gather(self._observation),
+            action=gather(self._action),
+            reward=gather(self._reward),
+            next_observation=gather(self._next_observation),
+            terminated=gather(self._terminated),
+        )
