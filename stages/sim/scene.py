@@ -13,7 +13,9 @@ import robosuite  # noqa: E402
 from robosuite.controllers import load_composite_controller_config, load_part_controller_config  # noqa: E402
 from robosuite.environments.manipulation.lift import Lift  # noqa: E402
 from robosuite.models.objects import BoxObject  # noqa: E402
+from robosuite.models.robots import Sawyer  # noqa: E402
 from robosuite.models.tasks import ManipulationTask  # noqa: E402
+from robosuite.robots import register_robot_class  # noqa: E402
 from robosuite.utils.log_utils import ROBOSUITE_DEFAULT_LOGGER  # noqa: E402
 
 logging.disable(logging.NOTSET)
@@ -25,6 +27,21 @@ from stages.sim.controller import VelocityGains  # noqa: E402
 CUBE_HALF_SIZE = 0.025  # [m]; paper §V-B: 5 × 5 × 5 cm
 TABLE_HEIGHT = 0.8  # [m]; robosuite's Lift
 CONTROL_FREQUENCY = 20  # [Hz]; SPEC §3
+
+
+@register_robot_class("FixedBaseRobot")
+class ThinHeadSawyer(Sawyer):
+    """robosuite's Sawyer, which MuJoCo refuses since 3.3 because visual meshes of its head have no volume."""
+
+    def get_model(self, mode: str = "mujoco") -> Any:
+        """Compile with those meshes as shells. They have no part in collisions or inertia, so the physics is the same."""
+        for mesh in self.root.iter("mesh"):
+            if "_head_" in mesh.get("name"):
+                mesh.set("inertia", "shell")
+        return super().get_model(mode)
+
+
+_ROBOT_MODELS = {"Sawyer": "ThinHeadSawyer"}  # the others go by their own name
 
 
 class CubeLift(Lift):
@@ -74,7 +91,7 @@ def make_environment(config: WorldConfig, **options: Any) -> Lift:
     """Stock robosuite environment of this scene; `options` go to robosuite."""
     settings = dict(has_renderer=False, has_offscreen_renderer=False, use_camera_obs=False, hard_reset=False)
     return CubeLift(
-        robots=config.robot,
+        robots=_ROBOT_MODELS.get(config.robot, config.robot),
         controller_configs=_controller_config(config),
         control_freq=CONTROL_FREQUENCY,
         horizon=config.horizon,
