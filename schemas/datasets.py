@@ -16,4 +16,4 @@ class FrameRef(NamedTuple):
 
 
 Rerender = Callable[[Sequence[FrameRef], str, float], Iterator[np.ndarray]]
-"""(frames, misalignment kind, degrees) → images (H, W, 3) uint8 of the same states from the misaligned nominal camera."""
+"""(frames, misalignment kind, degrees) → images (H, W, 3) uint8 of these states from the misaligned nominal camera."""

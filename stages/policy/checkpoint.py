@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -49,7 +50,9 @@ def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, in
     temporary = out / "checkpoints" / f".{position.name}.tmp"
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir(parents=True)
-    save_file({name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}, temporary / "td3.safetensors")
+    save_file(
+        {name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}, temporary / "td3.safetensors"
+    )
     remembered = Remembered(position.episodes, position.final, counts)
     write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
     shutil.rmtree(directory, ignore_errors=True)
@@ -75,7 +78,7 @@ def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
         raise ArtifactError(f"checkpoint {directory} cannot be read ({error}); remove it to resume earlier") from error
 
 
-def publish(out: Path, td3: TD3, row: int, description: dict[str, object]) -> None:
+def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) -> None:
     """Keep the finished run's networks under standard names, and drop the checkpoints."""
     width = td3.critic_net.parameters
     networks = {

@@ -150,4 +150,6 @@ def _read(path: Path) -> pa.Table:
     try:
         return pq.read_table(path, partitioning=None)
     except (OSError, pa.ArrowInvalid) as error:
-        raise ArtifactError(f"{path} cannot be read ({error}); the run is damaged: remove it and train again") from error
+        raise ArtifactError(
+            f"{path} cannot be read ({error}); the run is damaged: remove it and train again"
+        ) from error

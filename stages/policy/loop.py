@@ -86,9 +86,7 @@ class Lockstep:
         if self.config.reset != "none":
             self._td3.draw(row, self.config.reset, times=1)
 
-    def _rollout(
-        self, split: str, episode: int, trained: int, noise: np.ndarray, learning: bool, task: Task
-    ) -> None:
+    def _rollout(self, split: str, episode: int, trained: int, noise: np.ndarray, learning: bool, task: Task) -> None:
         """One episode of every run; `trained` is the training episode whose reward holds, noise (n, T, a)."""
         started = time.perf_counter()
         training = split == "train"
@@ -155,14 +153,18 @@ class Lockstep:
         for _ in range(config.updates_per_step if any(learns) else 0):
             batch = buffer.sample(config.td3.batch_size, streams.batches, td3.device)
             metrics = td3.update(batch, streams.target_noise().to(td3.device), active).numpy()
-            for row in np.flatnonzero(learns):
+            for row in np.flatnonzero(learns).tolist():
                 windows[row].add(metrics[row])
                 if windows[row].count == config.log_updates_every:
                     self._log_updates(row, windows[row], trained, global_step)
 
     def _log_updates(self, row: int, window: UpdateWindow, episode: int, global_step: int) -> None:
-        head = {"update": int(self._td3.updates[row]), "global_step": global_step, "episode": episode}
-        head["phase"] = phase(self.specs[row].scheme, episode, self.config)
+        head = {
+            "update": int(self._td3.updates[row]),
+            "global_step": global_step,
+            "episode": episode,
+            "phase": phase(self.specs[row].scheme, episode, self.config),
+        }
         self.logs[row].add("updates", head | window.take())
 
     def _exploration(self, episode: int) -> np.ndarray:

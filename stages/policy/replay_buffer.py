@@ -46,7 +46,10 @@ class ReplayBuffer:
             self.size[run] = self._next[run] = 0
 
     def sample(self, batch_size: int, generators: list[np.random.Generator], device: str) -> Batch:
-        """Uniformly with replacement from each run's ring with its own random stream; an empty ring gives zeros."""
+        """Uniformly with replacement from each run's ring, with its own random stream.
+
+        An empty ring gives a meaningless row: the caller pauses that run's update.
+        """
         draws = zip(self.size, generators, strict=True)
         rows = np.stack([rng.integers(0, max(int(size), 1), batch_size) for size, rng in draws])  # (n, b)
         runs = np.arange(len(rows))[:, None]

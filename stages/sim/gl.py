@@ -2,6 +2,7 @@
 
 import os
 import sys
+from typing import Any
 
 from schemas.errors import MachineError
 
@@ -16,7 +17,7 @@ def choose_backend() -> None:
             os.environ.setdefault("PYOPENGL_PLATFORM", os.environ["MUJOCO_GL"])
 
 
-def make_context(size: int):  # noqa: ANN201 — the class depends on the platform
+def make_context(size: int) -> Any:
     """An offscreen OpenGL context of size × size pixels, made current.
 
     Raises:

@@ -217,7 +217,7 @@ def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, 
     except PipelineError as error:
         pipe.recv()
         pipe.send((error, None))
-        return
+        return None
     while True:
         try:
             method, arguments = pipe.recv()

@@ -49,11 +49,12 @@ class CubeLift(Lift):
 
     def _load_model(self) -> None:
         super()._load_model()
+        arena = self.model.mujoco_arena  # type: ignore[has-type]  # robosuite is untyped
         self.cube = BoxObject(name="cube", size=[CUBE_HALF_SIZE] * 3, rgba=[1, 0, 0, 1], material=_red_wood())
         self.placement_initializer.reset()
         self.placement_initializer.add_objects(self.cube)
         self.model = ManipulationTask(
-            mujoco_arena=self.model.mujoco_arena,
+            mujoco_arena=arena,
             mujoco_robots=[robot.robot_model for robot in self.robots],
             mujoco_objects=self.cube,
         )

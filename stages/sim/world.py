@@ -11,6 +11,7 @@ from stages.sim.tasks import TaskSignals
 
 _CLOSE = np.array([1.0])
 
+
 class World:
     """One arm, one cube, one table.
 
@@ -64,7 +65,7 @@ class World:
         record["cube_quaternion"] = data.xquat[scene.cube_body]
         record["touched"], record["grasped"], record["lifted"] = self._signals.judge(data)
         record["unstable"] = is_unstable(data)
-        return record[()]
+        return np.void(record)
 
     def integration_state(self) -> np.ndarray:
         """Everything the future depends on, at the start of an episode: (k,) float64."""

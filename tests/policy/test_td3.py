@@ -1,0 +1,185 @@
+"""TD3 against its definition: targets by hand, smoothing, delay, independence of runs, and a problem it must solve."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stages.policy.config import TD3Config
+from stages.policy.networks import StackedAdam, StackedMLP
+from stages.policy.replay_buffer import ReplayBuffer
+from stages.policy.td3 import TD3, Batch, smoothed_action, td_target
+
+SMALL = TD3Config(hidden=(8,), batch_size=4, learning_rate=1e-2)
+
+
+def _batch(n: int, b: int = 4, o: int = 3, a: int = 2, seed: int = 0) -> Batch:
+    rng = np.random.default_rng(seed)
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(np.tile(rng.standard_normal((1, *shape)).astype(np.float32), (n, *[1] * len(shape))))
+
+    return Batch(normal(b, o), normal(b, a).clamp(-1, 1), normal(b), normal(b, o), torch.zeros(n, b))
+
+
+def test_target_by_hand() -> None:
+    """r + γ min(q₁, q₂): 1 + 0.9 · 2 = 2.8; where the state is terminal only r; a truncation is not terminal."""
+    reward, terminated = torch.tensor([[1.0, 1.0]]), torch.tensor([[0.0, 1.0]])
+    next_q = torch.tensor([[[3.0, 3.0], [2.0, 5.0]]])
+    assert torch.allclose(td_target(reward, terminated, next_q, 0.9), torch.tensor([[2.8, 1.0]]))
+
+
+def test_smoothing_clips_the_noise_and_then_the_action() -> None:
+    action, noise = torch.tensor([0.0, 0.9, -0.2]), torch.tensor([2.0, 0.3, -0.1])
+    assert torch.allclose(smoothed_action(action, noise, clip=0.5), torch.tensor([0.5, 1.0, -0.3]))
+
+
+def test_the_critics_loss_is_the_mean_squared_td_error_against_the_target_networks() -> None:
+    td3, batch, noise = TD3(SMALL, 3, 2, [0]), _batch(1), torch.full((1, 4, 2), 0.1)
+    width = td3.critic_net.parameters
+    inputs = torch.cat([batch.observation, batch.action], dim=2)
+    q = [td3.critic_net.forward(row, inputs)[..., 0] for row in (td3.critic[:, :width], td3.critic[:, width:])]
+    next_action = (td3.actor_net.forward(td3.actor_target, batch.next_observation).tanh() + 0.1).clamp(-1, 1)
+    next_inputs = torch.cat([batch.next_observation, next_action], dim=2)
+    halves = (td3.critic_target[:, :width], td3.critic_target[:, width:])
+    next_q = torch.minimum(*[td3.critic_net.forward(row, next_inputs)[..., 0] for row in halves])
+    target = batch.reward + 0.9 * next_q
+    expected = [float((value - target).square().mean()) for value in q]
+    metrics = td3.update(batch, noise, torch.ones(1, 1))[0]
+    assert metrics[:2].tolist() == pytest.approx(expected, rel=1e-5)
+    assert float(metrics[3]) == pytest.approx(float(q[0].mean()), rel=1e-5)
+
+
+def test_actor_and_targets_are_updated_every_second_time() -> None:
+    td3, batch = TD3(SMALL, 3, 2, [0]), _batch(1)
+    moved = []
+    for _ in range(4):
+        before = td3.actor.clone(), td3.actor_target.clone(), td3.critic.clone()
+        td3.update(batch, torch.zeros(1, 4, 2), torch.ones(1, 1))
+        after = td3.actor, td3.actor_target, td3.critic
+        moved.append([not torch.equal(a, b) for a, b in zip(before, after, strict=True)])
+    assert moved == [[False, False, True], [True, True, True]] * 2
+
+
+def test_soft_update_moves_the_target_by_tau() -> None:
+    td3 = TD3(SMALL.model_copy(update={"tau": 0.25, "policy_delay": 1}), 3, 2, [0])
+    before = td3.critic_target.clone()
+    td3.update(_batch(1), torch.zeros(1, 4, 2), torch.ones(1, 1))
+    assert torch.allclose(td3.critic_target, 0.75 * before + 0.25 * td3.critic, atol=1e-7)
+
+
+def test_adam_is_torchs_adam() -> None:
+    rng = np.random.default_rng(0)
+    start = torch.from_numpy(rng.standard_normal((2, 5)).astype(np.float32))
+    ours, theirs = start.clone(), start.clone().requires_grad_()
+    adam, reference = StackedAdam(ours, 0.01), torch.optim.Adam([theirs], lr=0.01)
+    for _ in range(10):
+        gradient = torch.from_numpy(rng.standard_normal((2, 5)).astype(np.float32))
+        adam.step(gradient, torch.ones(2, 1))
+        theirs.grad = gradient
+        reference.step()
+    assert torch.allclose(ours, theirs, atol=1e-6)
+
+
+def test_a_stacked_network_is_torchs_linear_layers() -> None:
+    net = StackedMLP((3, 8, 2))
+    flat = net.initial(np.random.default_rng(0))
+    named = net.named(flat)
+    inputs = torch.randn(1, 5, 3, generator=torch.Generator().manual_seed(0))
+    hidden = (inputs @ named["0.weight"] + named["0.bias"]).relu()
+    assert torch.allclose(net.forward(flat[None], inputs), hidden @ named["1.weight"] + named["1.bias"], atol=1e-6)
+    assert net.parameters == 3 * 8 + 8 + 8 * 2 + 2
+
+
+def test_a_run_in_a_matrix_learns_as_the_same_run_alone() -> None:
+    """Rows do not mix: three runs together and the middle one alone end with the same networks."""
+    together, alone = TD3(SMALL, 3, 2, [5, 6, 7]), TD3(SMALL, 3, 2, [6])
+    for seed in range(6):
+        together.update(_batch(3, seed=seed), torch.zeros(3, 4, 2), torch.ones(3, 1))
+        alone.update(_batch(1, seed=seed), torch.zeros(1, 4, 2), torch.ones(1, 1))
+    assert torch.allclose(together.actor[1], alone.actor[0], atol=1e-5)
+    assert torch.allclose(together.critic_target[1], alone.critic_target[0], atol=1e-5)
+    assert not torch.allclose(together.actor[0], together.actor[1])
+
+
+def test_a_paused_run_stays_exactly_as_it_is() -> None:
+    td3 = TD3(SMALL, 3, 2, [0, 1])
+    td3.update(_batch(2), torch.zeros(2, 4, 2), torch.ones(2, 1))
+    before = td3.critic[0].clone(), td3.actor_target[0].clone(), td3.critic_optimiser.mean[0].clone()
+    for _ in range(3):
+        td3.update(_batch(2), torch.zeros(2, 4, 2), torch.tensor([[0.0], [1.0]]))
+    after = td3.critic[0], td3.actor_target[0], td3.critic_optimiser.mean[0]
+    assert all(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+    assert td3.updates.tolist() == [[1.0], [4.0]]
+
+
+def test_drawing_afresh_gives_new_networks_and_forgets_the_optimiser() -> None:
+    td3 = TD3(SMALL, 3, 2, [0, 1])
+    td3.update(_batch(2), torch.zeros(2, 4, 2), torch.ones(2, 1))
+    actor, other = td3.actor[0].clone(), td3.critic[1].clone()
+    old = td3.critic[0].clone()
+    td3.draw(0, "critics", 1)
+    assert torch.equal(td3.actor[0], actor) and torch.equal(td3.critic[1], other)
+    assert not torch.allclose(td3.critic[0], old) and torch.equal(td3.critic[0], td3.critic_target[0])
+    assert td3.critic_optimiser.steps[0] == 0 and not td3.critic_optimiser.square[0].any()
+
+
+class TestReplayBuffer:
+    def _filled(self, rewards: list[float], capacity: int = 10) -> ReplayBuffer:
+        buffer = ReplayBuffer(1, capacity, 1, 1)
+        values = np.array(rewards, np.float32)
+        buffer.add(0, values[:, None], values[:, None], values, 10 * values, values[:, None], np.zeros(len(values)))
+        return buffer
+
+    def _rewards(self, buffer: ReplayBuffer) -> set[float]:
+        return set(buffer.sample(500, [np.random.default_rng(0)], "cpu").reward[0].tolist())
+
+    def test_samples_what_was_added(self) -> None:
+        batch = self._filled([1, 2, 3]).sample(500, [np.random.default_rng(0)], "cpu")
+        assert set(batch.reward[0].tolist()) == {1, 2, 3}
+        assert torch.equal(batch.reward, batch.observation[..., 0]) and torch.equal(batch.reward, batch.action[..., 0])
+
+    def test_the_oldest_fall_out(self) -> None:
+        assert self._rewards(self._filled([1, 2, 3, 4, 5], capacity=3)) == {3, 4, 5}
+
+    @pytest.mark.parametrize(("treatment", "left"), [("keep", {1, 2}), ("relabel", {10, 20}), ("empty", {7})])
+    def test_the_switch(self, treatment: str, left: set[float]) -> None:
+        buffer = self._filled([1, 2])
+        buffer.switch(0, treatment)
+        assert buffer.size[0] == (0 if treatment == "empty" else 2)
+        if treatment == "empty":
+            new = np.full((1, 1), 7, np.float32)
+            buffer.add(0, new, new, new[0], new[0], new, np.zeros(1))
+        assert self._rewards(buffer) == left
+
+    @given(st.lists(st.integers(1, 4), min_size=1, max_size=8))
+    def test_size_never_exceeds_capacity(self, chunks: list[int]) -> None:
+        buffer, added = ReplayBuffer(1, 5, 1, 1), []
+        for chunk in chunks:
+            values = np.arange(chunk, dtype=np.float32) + len(added) + 1
+            buffer.add(0, values[:, None], values[:, None], values, values, values[:, None], np.zeros(chunk))
+            added += values.tolist()
+        assert buffer.size[0] == min(len(added), 5)
+        assert self._rewards(buffer) <= set(added[-5:])
+
+
+def test_learns_a_toy_control_problem() -> None:
+    """A point on a line is pushed by the action; reward 1 − |x|. The policy must bring it home from both sides."""
+    config = TD3Config(hidden=(32,), batch_size=64, learning_rate=3e-3)
+    td3, buffer = TD3(config, 1, 1, [0]), ReplayBuffer(1, 20_000, 1, 1)
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (4000, 1)).astype(np.float32)
+    action = rng.uniform(-1, 1, (4000, 1)).astype(np.float32)
+    after = np.clip(x + 0.3 * action, -1, 1)
+    reward = 1 - np.abs(after[:, 0])
+    buffer.add(0, x, action, reward, reward, after, np.zeros(4000))
+    streams = [np.random.default_rng(1)]
+    for _ in range(600):
+        noise = torch.from_numpy(0.2 * streams[0].standard_normal((1, 64, 1)).astype(np.float32))
+        td3.update(buffer.sample(64, streams, "cpu"), noise, torch.ones(1, 1))
+    for start in (-0.9, -0.4, 0.5, 1.0):
+        position = start
+        for _ in range(8):
+            position = float(np.clip(position + 0.3 * td3.act(np.array([[position]], np.float32))[0, 0], -1, 1))
+        assert abs(position) < 0.12, f"from {start} to {position}"
