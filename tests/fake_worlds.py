@@ -4,6 +4,7 @@ It keeps the contract of `stages.sim.pool.Worlds`; tests/sim/test_worlds_contrac
 """
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class FakeWorlds:
 class FakeEstimator:
     """Reads the cube's x from the fake frame; y and z are constants: an estimator with a known error."""
 
-    camera = {"image_size": 32, "position": (0.75, 0, 1.35), "target": (0, 0, 0.83), "fovy": 36.0}
+    camera: ClassVar = {"image_size": 32, "position": (0.75, 0, 1.35), "target": (0, 0, 0.83), "fovy": 36.0}
 
     def predict(self, images: np.ndarray) -> np.ndarray:
         x = (images[:, 0, 0, 0].astype(np.float32) - 128) / 500

@@ -76,9 +76,9 @@ class MatrixConfig(RunConfig):
     """Processes that simulate and render; 0: in this process. The logs do not depend on it."""
     threads: Annotated[int, Field(ge=1, le=256)] = 1
     """CPU threads of the networks."""
-    reach: dict[str, Any] = {}
+    reach: dict[str, Any] = Field(default={})
     """Keys of this section that differ for reach."""
-    lift: dict[str, Any] = {}
+    lift: dict[str, Any] = Field(default={})
     """Keys of this section that differ for lift."""
 
     @model_validator(mode="after")

@@ -4,6 +4,8 @@ The parameters of a network are one flat row per run, (runs, parameters): a run'
 update and a checkpoint are then a row, and the forward pass of all runs is one batched matrix product per layer.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -14,13 +16,12 @@ class StackedMLP:
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
         self.sizes = sizes
-        self.shapes = [shape for i, o in zip(sizes, sizes[1:], strict=False) for shape in ((i, o), (1, o))]
+        self.shapes = [shape for i, o in pairwise(sizes) for shape in ((i, o), (1, o))]
         self.parameters = sum(a * b for a, b in self.shapes)
 
     def initial(self, rng: np.random.Generator) -> Tensor:
         """Parameters (parameters,) of one network, uniform in ±1/√inputs as torch.nn.Linear draws them."""
-        layers = zip(self.sizes, self.sizes[1:], strict=False)
-        draws = [rng.uniform(-(i**-0.5), i**-0.5, i * o + o) for i, o in layers]
+        draws = [rng.uniform(-(i**-0.5), i**-0.5, i * o + o) for i, o in pairwise(self.sizes)]
         return torch.from_numpy(np.concatenate(draws).astype(np.float32))
 
     def forward(self, flat: Tensor, inputs: Tensor) -> Tensor:

@@ -34,7 +34,7 @@ class ThinHeadSawyer(Sawyer):
     """robosuite's Sawyer, which MuJoCo refuses since 3.3 because visual meshes of its head have no volume."""
 
     def get_model(self, mode: str = "mujoco") -> Any:
-        """Compile with those meshes as shells. They have no part in collisions or inertia, so the physics is the same."""
+        """Compile with those meshes as shells. They have no part in collisions or inertia."""
         for mesh in self.root.iter("mesh"):
             if "_head_" in mesh.get("name"):
                 mesh.set("inertia", "shell")
@@ -90,7 +90,7 @@ class Scene:
 
 def make_environment(config: WorldConfig, **options: Any) -> Lift:
     """Stock robosuite environment of this scene; `options` go to robosuite."""
-    settings = dict(has_renderer=False, has_offscreen_renderer=False, use_camera_obs=False, hard_reset=False)
+    settings = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False, "hard_reset": False}
     return CubeLift(
         robots=_ROBOT_MODELS.get(config.robot, config.robot),
         controller_configs=_controller_config(config),

@@ -1,5 +1,7 @@
 """State and action to next state: robosuite's physics, stepped without robosuite's Python (SPEC §3)."""
 
+from typing import cast
+
 import mujoco
 import numpy as np
 
@@ -65,7 +67,7 @@ class World:
         record["cube_quaternion"] = data.xquat[scene.cube_body]
         record["touched"], record["grasped"], record["lifted"] = self._signals.judge(data)
         record["unstable"] = is_unstable(data)
-        return np.void(record)
+        return cast(np.void, record[()])
 
     def integration_state(self) -> np.ndarray:
         """Everything the future depends on, at the start of an episode: (k,) float64."""
