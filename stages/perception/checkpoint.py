@@ -1,0 +1,89 @@
+"""Training that can be interrupted: its whole state in one file, written atomically. Nothing is pickled."""
+
+import json
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from schemas.files import write_bytes
+from stages.perception.resnet34 import ResNet34
+
+DIRECTORY = "checkpoints"
+_KEEP = 2  # the newest, and the one before in case the newest is damaged
+
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class TrainingState:
+    """Everything the next epoch depends on; the rest (batch order, learning rate) is computed from seed and epoch."""
+
+    network: ResNet34
+    optimizer: torch.optim.Optimizer
+    epoch: int = 0  # finished
+    best: dict[str, Tensor] = field(default_factory=dict)  # weights of the lowest validation error
+    best_error: float = float("inf")  # [m]
+    best_epoch: int = 0
+    rows: list[dict[str, Any]] = field(default_factory=list)  # of epochs.parquet
+
+
+def save_checkpoint(state: TrainingState, out: Path) -> None:
+    """Write the state after `state.epoch` epochs and drop all but the newest checkpoints."""
+    directory = out / DIRECTORY
+    directory.mkdir(exist_ok=True)
+    scalars = {name: getattr(state, name) for name in ("epoch", "best_error", "best_epoch", "rows")}
+    tensors = {key: value.detach().cpu().contiguous() for key, value in _tensors(state).items()}
+    data = save(tensors, metadata={"scalars": json.dumps(scalars)})
+    write_bytes(data, directory / f"epoch-{state.epoch:06d}.safetensors")
+    for old in _checkpoints(out)[_KEEP:]:
+        old.unlink()
+
+
+def restore_checkpoint(state: TrainingState, out: Path) -> bool:
+    """Fill `state` from the newest readable checkpoint in `out`; False when there is none and training starts anew."""
+    for file in _checkpoints(out):
+        try:
+            with safe_open(file, "pt") as stored:
+                scalars = json.loads(stored.metadata()["scalars"])
+                tensors = {key: stored.get_tensor(key) for key in stored.keys()}  # noqa: SIM118 (not iterable itself)
+        except (SafetensorError, OSError, ValueError, KeyError, TypeError):
+            log.warning("%s is damaged: going back to the checkpoint before it, or to the start", file)
+            continue
+        _fill(state, scalars, tensors)
+        return True
+    return False
+
+
+def _checkpoints(out: Path) -> list[Path]:
+    return sorted((out / DIRECTORY).glob("epoch-*.safetensors"), reverse=True)
+
+
+def _tensors(state: TrainingState) -> dict[str, Tensor]:
+    tensors = {f"network/{key}": value for key, value in state.network.state_dict().items()}
+    tensors |= {f"best/{key}": value for key, value in state.best.items()}
+    for parameter, moments in state.optimizer.state_dict()["state"].items():
+        tensors |= {f"optimizer/{parameter}/{name}": value for name, value in moments.items()}
+    return tensors
+
+
+def _fill(state: TrainingState, scalars: dict[str, Any], tensors: dict[str, Tensor]) -> None:
+    moments: dict[int, dict[str, Tensor]] = {}
+    network: dict[str, Tensor] = {}
+    for key, value in tensors.items():
+        kind, _, name = key.partition("/")
+        if kind == "optimizer":
+            parameter, _, moment = name.partition("/")
+            moments.setdefault(int(parameter), {})[moment] = value
+        else:
+            (network if kind == "network" else state.best)[name] = value
+    state.network.load_state_dict(network)
+    groups = state.optimizer.state_dict()["param_groups"]
+    state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+    for name, value in scalars.items():
+        setattr(state, name, value)

@@ -1,0 +1,115 @@
+"""The artifact of perception: image → position of the cube, rebuilt from its own directory alone (SPEC §4)."""
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor
+
+from schemas.config import Config
+from schemas.errors import ArtifactError
+from schemas.files import write_bytes
+from schemas.tables import SCHEMA_VERSION
+from stages.perception.config import Precision
+from stages.perception.device import arithmetic, torch_device
+from stages.perception.frozen import FrozenResNet34
+from stages.perception.normalisation import Normalisation, Triple
+from stages.perception.resnet34 import ResNet34
+
+WEIGHTS_FILE = "estimator.safetensors"
+CARD_FILE = "estimator.json"
+
+
+class EstimatorCard(Config):
+    """estimator.json: what the weights alone do not say."""
+
+    schema_version: int = SCHEMA_VERSION
+    estimator: str
+    dataset: str
+    architecture: Literal["resnet34"] = "resnet34"
+    image_size: int  # pixels, square
+    precision: Precision
+    normalisation: Normalisation
+    camera: dict[str, Any]
+    """Nominal camera the frames were taken around: the dataset's CameraConfig (world frame [m], fovy [degrees])."""
+    cube_min: Triple
+    cube_max: Triple
+    """Corners [m] of the training positions, world frame; beyond them the estimator extrapolates."""
+    best_epoch: int
+    """Epoch of the kept weights: the one of lowest validation error."""
+
+
+def save_estimator(directory: Path, card: EstimatorCard, weights: dict[str, Tensor]) -> None:
+    """Write both files; the card last, so that it never describes weights that are not there."""
+    write_bytes(save({key: value.cpu().contiguous() for key, value in weights.items()}), directory / WEIGHTS_FILE)
+    write_bytes((card.model_dump_json(indent=2) + "\n").encode(), directory / CARD_FILE)
+
+
+class Estimator:
+    """Positions from images; see `load` and `predict`."""
+
+    def __init__(self, card: EstimatorCard, network: ResNet34, device: torch.device) -> None:
+        self.card = card
+        self.camera: dict[str, Any] = card.camera
+        self.image_size: int = card.image_size
+        self._device = device
+        self._network = FrozenResNet34(network, arithmetic(card.precision, device), device)
+
+    @classmethod
+    def load(cls, directory: Path, device: str = "cpu", precision: Precision | None = None) -> "Estimator":
+        """Rebuild the estimator in `directory`; `precision` overrides the one it was trained for.
+
+        Raises ArtifactError when a file is missing, damaged or newer than this code, MachineError without `device`.
+        """
+        card = _read_card(directory / CARD_FILE)
+        if precision is not None:
+            card = card.model_copy(update={"precision": precision})
+        return cls(card, _read_network(directory / WEIGHTS_FILE), torch_device(device))
+
+    def predict(self, images: np.ndarray) -> np.ndarray:
+        """Images (n, h, w, 3) uint8 RGB → positions of the cube (n, 3) float32 [m], world frame.
+
+        Raises ValueError for images of another shape or type.
+        """
+        expected = (self.image_size, self.image_size, 3)
+        if images.shape[1:] != expected or images.dtype != np.uint8:
+            raise ValueError(f"images are {images.dtype} {images.shape}, the estimator takes uint8 (n, *{expected})")
+        if len(images) == 0:
+            return np.empty((0, 3), np.float32)
+        pixels = torch.from_numpy(np.ascontiguousarray(images)).to(self._device)
+        normalisation = self.card.normalisation
+        return normalisation.positions(self._network(normalisation.images(pixels)))
+
+
+def _read_card(file: Path) -> EstimatorCard:
+    try:
+        fields = json.loads(file.read_bytes())
+        version = fields["schema_version"]
+        if version > SCHEMA_VERSION:
+            raise ArtifactError(
+                f"{file}: schema version {version} is newer than this code's {SCHEMA_VERSION}; update it"
+            )
+        return EstimatorCard.model_validate(fields)
+    except OSError as error:
+        raise ArtifactError(f"{file}: cannot be read ({error.strerror}); is the directory an estimator?") from error
+    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        raise ArtifactError(f"{file}: damaged or not an estimator's; train it again ({error})") from error
+
+
+def _read_network(file: Path) -> ResNet34:
+    with torch.device("meta"):  # no random initialisation that the weights would replace at once
+        network = ResNet34()
+    try:
+        network.load_state_dict(load_file(file), assign=True)
+    except OSError as error:
+        raise ArtifactError(
+            f"{file}: cannot be read ({error.strerror or 'no such file'}); train the estimator again"
+        ) from error
+    except (SafetensorError, RuntimeError) as error:
+        raise ArtifactError(f"{file}: damaged or not a ResNet34's weights; train the estimator again") from error
+    return network

@@ -1,0 +1,132 @@
+"""One recorded episode of a run, read from its Parquet logs and checked."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+
+from schemas.errors import ArtifactError
+from schemas.manifest import Manifest
+from schemas.tables import EPISODES, transitions
+from stages.replay.manifests import read_manifest
+from stages.replay.parquet import check_schema, read_parquet, reading
+
+
+@dataclass(frozen=True)
+class LoggedEpisode:
+    """What the logs say of one episode. Row k is the step `k` and the state after its action."""
+
+    run_dir: Path
+    manifest: Manifest
+    split: str
+    episode: int
+    rows: dict[str, np.ndarray]  # column → (n,) or (n, d); null is NaN, phases are strings
+    summary: dict[str, Any]  # the episode's row of episodes.parquet
+    initial_state: np.ndarray  # (k,) float64, MuJoCo integration state
+    final_state: np.ndarray  # (k,) float64, the same after the last step
+
+    @property
+    def steps(self) -> int:
+        """Number of rows, n."""
+        return len(self.rows["step"])
+
+    @property
+    def task(self) -> str:
+        """reach or lift."""
+        return str(self.manifest.config["run"]["task"])
+
+    @property
+    def run(self) -> str:
+        """NAME/CELL."""
+        return "/".join(self.run_dir.parts[-2:])
+
+    def vector(self, name: str) -> np.ndarray:
+        """Columns `name`_x, _y, _z as (n, 3)."""
+        return np.stack([self.rows[f"{name}_{axis}"] for axis in "xyz"], axis=1)
+
+
+def load_episode(run_dir: Path, split: str, episode: int) -> LoggedEpisode:
+    """Read episode `episode` (counted from 0 within `split`) of the run in `run_dir`.
+
+    Raises:
+        ArtifactError: no such run or episode, or its logs are missing, truncated or of another schema.
+    """
+    manifest = read_manifest(run_dir)
+    if manifest.stage != "train-policy":
+        raise ArtifactError(f"{run_dir} is an artifact of {manifest.stage}, not a run")
+    summary = _episode_summary(run_dir, split, episode)
+    rows = _transitions(run_dir, split, episode)
+    _check_complete(run_dir, split, episode, rows, summary)
+    states = (np.array(summary[name], dtype=np.float64) for name in ("initial_state", "final_state"))
+    return LoggedEpisode(run_dir, manifest, split, episode, rows, summary, *states)
+
+
+def _episode_summary(run_dir: Path, split: str, episode: int) -> dict[str, Any]:
+    path = run_dir / "episodes.parquet"
+    table = read_parquet(path, f"{run_dir} has logged no episode yet")
+    check_schema(table.schema, EPISODES, path)
+    of_split = np.array(table["split"].to_pylist(), dtype=str) == split
+    found = np.flatnonzero(of_split & (table["episode"].to_numpy() == episode))
+    if not len(found):
+        raise ArtifactError(f"no {split} episode {episode} in {run_dir}; {_available(table)}")
+    return table.slice(int(found[0]), 1).to_pylist()[0]
+
+
+def _available(table: pa.Table) -> str:
+    """Which episodes there are, in words."""
+    split, number = table["split"].to_pylist(), table["episode"].to_numpy()
+    ranges = []
+    for name in sorted(set(split)):
+        of_split = number[[other == name for other in split]]
+        ranges.append(f"{name} {of_split.min()} to {of_split.max()}")
+    return f"there are: {', '.join(ranges)}" if ranges else "it has none yet"
+
+
+def _transitions(run_dir: Path, split: str, episode: int) -> dict[str, np.ndarray]:
+    parts = sorted((run_dir / "transitions").glob("part-*.parquet"))
+    if not parts:
+        raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: the run was logged elsewhere or cut short")
+    wanted = (ds.field("split").cast(pa.string()) == split) & (ds.field("episode") == episode)
+    for part in parts:
+        _check_part(part)
+        table = reading(part, partial(ds.dataset(part, format="parquet").to_table, filter=wanted))
+        if table.num_rows:
+            return _columns(table.sort_by("step"))
+    raise ArtifactError(f"{run_dir}: episodes.parquet names {split} episode {episode}, but no transitions part has it")
+
+
+def _check_part(path: Path) -> None:
+    schema = reading(path, lambda: pq.read_schema(path))
+    try:
+        sizes = schema.field("observation").type.list_size, schema.field("action").type.list_size
+    except (KeyError, AttributeError) as error:
+        raise ArtifactError(f"{path} is not a transitions file of this pipeline: {error}") from error
+    check_schema(schema, transitions(*sizes), path)
+
+
+def _columns(table: pa.Table) -> dict[str, np.ndarray]:
+    return {name: _column(table[name].combine_chunks()) for name in table.column_names}
+
+
+def _column(array: pa.Array) -> np.ndarray:
+    if pa.types.is_fixed_size_list(array.type):
+        return array.flatten().to_numpy().reshape(len(array), array.type.list_size)
+    if pa.types.is_dictionary(array.type):
+        return np.array(array.to_pylist(), dtype=str)
+    return array.to_numpy(zero_copy_only=False)  # nulls of a float column become NaN
+
+
+def _check_complete(
+    run_dir: Path, split: str, episode: int, rows: dict[str, np.ndarray], summary: dict[str, Any]
+) -> None:
+    steps = rows["step"]
+    if len(steps) != summary["length"] or not np.array_equal(steps, np.arange(len(steps))):
+        raise ArtifactError(
+            f"{run_dir}: {split} episode {episode} should have {summary['length']} steps, "
+            f"its transitions have {len(steps)}: the logs are incomplete"
+        )

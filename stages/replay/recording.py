@@ -1,0 +1,52 @@
+"""Rerun recordings (.rrd) of an episode: of a run, replayed and rendered anew, or of a dataset."""
+
+from pathlib import Path
+
+from rerun_blueprints.episode import episode_blueprint
+from stages.replay.dataset_track import dataset_track
+from stages.replay.frames import run_camera
+from stages.replay.logs import load_episode
+from stages.replay.proof import ReplayResult
+from stages.replay.recording_file import recording_file
+from stages.replay.rollout import roll_out
+from stages.replay.run_track import run_track
+from stages.replay.scene_log import log_scene
+from stages.replay.series_log import log_series
+from stages.replay.track import EpisodeTrack
+
+
+def record_episode(
+    run_dir: Path, split: str, episode: int, save: Path, *, image_size: int | None = None
+) -> ReplayResult:
+    """Write a recording of a run's episode to `save`; frames are rendered anew, by default of the estimator's size.
+
+    Raises:
+        ArtifactError: the episode, its run or its estimator is missing or damaged.
+        MachineError: there is no OpenGL to render with, or no space.
+    """
+    logged = load_episode(run_dir, split, episode)
+    rollout = roll_out(logged, run_camera(logged, image_size))
+    write_track(run_track(logged, rollout), save)
+    return rollout.result
+
+
+def record_dataset_episode(dataset: Path, episode: int, save: Path) -> int:
+    """Write a recording of a dataset's episode to `save`: its frames as collected. Returns their number.
+
+    Raises:
+        ArtifactError: the episode or its dataset is missing or damaged.
+        MachineError: there is no space.
+    """
+    track = dataset_track(dataset, episode)
+    write_track(track, save)
+    return len(track.clock)
+
+
+def write_track(track: EpisodeTrack, save: Path) -> None:
+    """Write the recording of an episode to `save`, whole or not at all."""
+    blueprint = episode_blueprint(
+        estimated=track.estimate is not None, rewarded=bool(track.scalars), best_reward=track.best_reward
+    )
+    with recording_file(track.name, save, blueprint) as recording:
+        log_scene(recording, track)
+        log_series(recording, track)

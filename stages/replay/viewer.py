@@ -1,0 +1,84 @@
+"""Opens the Rerun viewer for this machine only: its server listens on 127.0.0.1, by default on every interface."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from schemas.errors import MachineError
+
+LOOPBACK = "127.0.0.1"
+_FAILS_WITHIN = 2.0  # [s]; a viewer that has no window to open ends at once
+
+
+def require_display() -> None:
+    """Pass if there is a screen: asked before the work of making what would be shown.
+
+    Raises:
+        MachineError: there is none.
+    """
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise MachineError("no display to open the viewer on: use --save FILE.rrd and open the file elsewhere")
+
+
+def open_viewer(recording: Path) -> None:
+    """Show a recording (.rrd or .mcap) in a window that stays open after this process ends.
+
+    Raises:
+        MachineError: there is no screen, or the viewer does not start.
+    """
+    require_display()
+    process = start_viewer(recording, "--port", str(free_port()))
+    try:
+        process.wait(_FAILS_WITHIN)
+    except subprocess.TimeoutExpired:
+        return
+    if process.returncode:
+        raise MachineError(f"the Rerun viewer ended with code {process.returncode}; use --save FILE.rrd instead")
+
+
+def start_viewer(recording: Path, *options: str) -> subprocess.Popen[bytes]:
+    """The viewer as a process group of its own, opening `recording`."""
+    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, "--hide-welcome-screen", *options, str(recording)]
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+
+
+def stop_viewer(process: subprocess.Popen[bytes], patience: float = 5.0) -> None:
+    """End the viewer with its launcher, which is a process of its own."""
+    for wish in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(process.pid, wish)
+            process.wait(patience)
+        except subprocess.TimeoutExpired:
+            continue
+        except ProcessLookupError:
+            return
+
+
+def free_port() -> int:
+    """A TCP port nobody listens on."""
+    with socket.socket() as listener:
+        listener.bind((LOOPBACK, 0))
+        return int(listener.getsockname()[1])
+
+
+def wait_for(port: int, process: subprocess.Popen[bytes], timeout: float) -> None:
+    """Until the viewer listens on `port`.
+
+    Raises:
+        MachineError: it ended, or does not listen in time.
+    """
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and process.poll() is None:
+        try:
+            socket.create_connection((LOOPBACK, port), timeout=1).close()
+            return
+        except OSError:
+            time.sleep(0.1)
+    raise MachineError(
+        "the Rerun viewer does not start: it needs Vulkan (`apt-get install mesa-vulkan-drivers libvulkan1`)"
+    )

@@ -1,0 +1,209 @@
+"""Recordings are read back: what a viewer will find in them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from rerun.chunk import Chunk, McapReader, RrdReader
+
+from rerun_blueprints.episode import episode_blueprint
+from schemas import entities
+from schemas.errors import ArtifactError, ConfigError, PipelineError
+from stages.replay.frames import encode, run_camera
+from stages.replay.logs import load_episode
+from stages.replay.recording import record_dataset_episode, record_episode
+from tests.replay.test_replay_blueprints import views
+from tests.replay.tiny_run import ESTIMATOR, edit_manifest, tamper
+
+MakeRun = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def recording(run_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recordings") / "episode.rrd"
+    assert record_episode(run_dir, "final", 0, path).identical
+    return path
+
+
+def chunks(path: Path) -> dict[str, list[Chunk]]:
+    found: dict[str, list[Chunk]] = {}
+    for chunk in RrdReader(path).stream():
+        found.setdefault(chunk.entity_path, []).append(chunk)
+    return found
+
+
+def times(path: Path, entity: str, timeline: str) -> list[int]:
+    return [
+        int(value)
+        for chunk in chunks(path)[entity]
+        if timeline in chunk.timeline_names
+        for value in chunk.to_record_batch()[timeline].cast(pa.int64()).to_pylist()
+    ]
+
+
+def test_the_recording_carries_its_blueprint_and_application(recording: Path):
+    reader = RrdReader(recording)
+    assert [store.application_id for store in reader.recordings()] == [entities.APPLICATION_ID]
+    assert [store.application_id for store in reader.blueprints()] == [entities.APPLICATION_ID]
+
+
+@pytest.mark.parametrize(
+    "entity",
+    [
+        entities.IMAGE,
+        entities.IMAGE_CUBE_TRUE,
+        entities.IMAGE_CUBE_EST,
+        entities.CUBE_TRUE,
+        entities.CUBE_EST,
+        entities.CUBE_ERROR,
+        entities.GRIPPER_POINT,
+        entities.ACTION,
+        entities.JOINTS,
+        entities.DISTANCE_TRUE,
+        entities.DISTANCE_EST,
+        entities.ESTIMATION_ERROR,
+        *(entities.reward(term) for term in entities.REWARD_TERMS),
+    ],
+)
+def test_every_step_is_there_on_both_timelines(recording: Path, entity: str):
+    assert sorted(times(recording, entity, entities.STEP)) == list(range(20))
+    assert sorted(times(recording, entity, entities.SIM_TIME)) == [50_000_000 * (k + 1) for k in range(20)]
+
+
+def test_every_view_of_the_blueprint_has_something_to_show(recording: Path):
+    recorded = chunks(recording).keys()
+    for view in views(episode_blueprint().root_container):
+        shown = view.contents if isinstance(view.contents, list) else [view.contents]
+        for expression in shown:
+            path = expression.removeprefix("+ ").replace("$origin", view.origin).removesuffix("/**")
+            assert any(entity.startswith(path) for entity in recorded), f"{view.name}: {expression}"
+
+
+def test_table_camera_states_and_description_are_there(recording: Path):
+    found = chunks(recording)
+    wanted = {
+        entities.TABLE,
+        entities.CALIBRATION,
+        entities.DESCRIPTION,
+        entities.STATE_PHASE,
+        entities.state("success"),
+    }
+    assert wanted <= found.keys()
+    assert len(times(recording, entities.STATE_PHASE, entities.STEP)) == 2  # dense, then sparse
+
+
+def test_every_link_with_a_mesh_has_a_transform_at_every_step(recording: Path):
+    meshes = {path.split("/")[3] for path in chunks(recording) if path.startswith(f"{entities.LINKS}/")}
+    frames = [
+        frame[0]
+        for chunk in chunks(recording)[entities.TRANSFORMS]
+        for frame in chunk.to_record_batch()["Transform3D:child_frame"].to_pylist()
+    ]
+    assert len(meshes) >= 10  # seven links, hand, two fingers, mount
+    assert set(frames) == meshes | {entities.CAMERA}
+    assert all(frames.count(frame) == 20 for frame in set(frames))
+
+
+def test_recordings_stay_small(recording: Path):
+    assert recording.stat().st_size < 1_500_000
+
+
+def test_a_run_without_estimates_shows_none(fresh_run: MakeRun, tmp_path: Path):
+    run = fresh_run(episodes=1, steps=2)
+    for column in ("cube_est_x", "cube_est_y", "cube_est_z", "distance_est", "estimation_error", "reward_dense_est"):
+        for step in range(2):
+            tamper(run, column, step, lambda _: None)
+    record_episode(run, "final", 0, tmp_path / "e.rrd")
+    found = chunks(tmp_path / "e.rrd").keys()
+    assert entities.CUBE_TRUE in found
+    assert not {entities.CUBE_EST, entities.IMAGE_CUBE_EST, entities.DISTANCE_EST} & found
+
+
+def test_the_camera_is_the_estimators_misaligned_as_the_run_says(run_dir: Path):
+    camera = run_camera(load_episode(run_dir, "final", 0))  # orbit by 5° about the target (0, 0, 0.83)
+    angle = np.degrees(np.arctan2(camera.pose.position[1], camera.pose.position[0]))
+    assert angle == pytest.approx(5.0)
+    assert camera.pose.position[2] == pytest.approx(1.35)
+    assert camera.intrinsics.size == 64
+    assert run_camera(load_episode(run_dir, "final", 0), image_size=200).intrinsics.size == 200
+
+
+@pytest.mark.parametrize(("content", "said"), [(None, "is gone"), ("{}", "is damaged"), ("[", "is damaged")])
+def test_an_estimator_that_is_gone_or_damaged(fresh_run: MakeRun, tmp_path: Path, content: str | None, said: str):
+    run = fresh_run(episodes=1, steps=2)
+    card = run.parents[2] / "estimators" / ESTIMATOR / "estimator.json"
+    card.unlink() if content is None else card.write_text(content)
+    with pytest.raises(ArtifactError, match=said):
+        record_episode(run, "final", 0, tmp_path / "e.rrd")
+    assert list(tmp_path.glob("*.rrd")) == []
+
+
+def test_a_place_that_does_not_exist_is_wrong_usage_and_leaves_nothing(run_dir: Path, tmp_path: Path):
+    with pytest.raises(ConfigError, match="there is no directory"):
+        record_episode(run_dir, "final", 0, tmp_path / "nowhere" / "e.rrd")
+
+
+def test_small_frames_are_kept_exactly_large_ones_compressed():
+    image = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    assert encode(image)[1] == "image/png"
+    assert encode(image.repeat(4, 0).repeat(4, 1))[1] == "image/jpeg"
+
+
+def test_a_datasets_episode_is_shown_from_its_file(dataset_dir: Path, tmp_path: Path):
+    path = tmp_path / "d.rrd"
+    assert record_dataset_episode(dataset_dir, 0, path) == 21
+    found = chunks(path).keys()
+    assert {entities.IMAGE, entities.CUBE_TRUE, entities.IMAGE_CUBE_TRUE, entities.TABLE, entities.CALIBRATION} <= found
+    assert not {entities.CUBE_EST, entities.reward("used"), entities.STATE_PHASE} & found
+    assert sorted(times(path, entities.IMAGE, entities.STEP)) == list(range(21))
+    assert sorted(times(path, entities.ACTION, entities.STEP)) == list(range(20))
+
+
+def test_dataset_and_run_place_the_same_cube_at_the_same_pixels(dataset_dir: Path, recording: Path, tmp_path: Path):
+    record_dataset_episode(dataset_dir, 0, tmp_path / "d.rrd")
+
+    def last_line(path: Path) -> np.ndarray:
+        rows = [c.to_record_batch() for c in chunks(path)[entities.IMAGE_CUBE_TRUE] if not c.is_static]
+        return np.array(rows[-1]["LineStrips2D:strips"][-1].as_py())
+
+    assert np.allclose(last_line(tmp_path / "d.rrd"), last_line(recording), atol=1e-3)
+
+
+def test_an_episode_the_dataset_does_not_have(dataset_dir: Path, tmp_path: Path):
+    with pytest.raises(ArtifactError, match=r"no episode 3 in .*; it has 1, from 0 to 0"):
+        record_dataset_episode(dataset_dir, 3, tmp_path / "d.rrd")
+
+
+def test_a_truncated_episode_file(dataset_dir: Path, tmp_path: Path):
+    damaged = tmp_path / "d"
+    (damaged / "episodes").mkdir(parents=True)
+    (damaged / "manifest.json").write_text((dataset_dir / "manifest.json").read_text())
+    whole = (dataset_dir / "episodes" / "episode-000000.mcap").read_bytes()
+    (damaged / "episodes" / "episode-000000.mcap").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PipelineError, match="is damaged"):
+        record_dataset_episode(damaged, 0, tmp_path / "d.rrd")
+
+
+def test_a_run_is_no_dataset(fresh_run: MakeRun, tmp_path: Path):
+    run = fresh_run(episodes=1, steps=2)
+    with pytest.raises(ArtifactError, match="not a dataset"):
+        record_dataset_episode(run, 0, tmp_path / "d.rrd")
+    edit_manifest(run, stage="collect")
+    with pytest.raises(ArtifactError, match="it has none"):
+        record_dataset_episode(run, 0, tmp_path / "d.rrd")
+
+
+def test_entities_are_the_topics_and_frames_of_the_mcap_files(dataset_dir: Path):
+    stream = McapReader(dataset_dir / "episodes" / "episode-000000.mcap").stream()
+    frames: dict[str, str] = {}
+    for chunk in stream:
+        batch = chunk.to_record_batch()
+        for name in ("CoordinateFrame:frame", "Pinhole:child_frame"):
+            if name in batch.schema.names:
+                frames[chunk.entity_path] = batch[name][0].as_py()[0]
+    assert frames[entities.IMAGE] == entities.IMAGE_PLANE
+    assert frames[entities.CALIBRATION] == entities.IMAGE_PLANE
+    assert frames[entities.CUBE_TRUE] == entities.WORLD
+    assert frames[entities.CUBE_EST] == entities.WORLD
