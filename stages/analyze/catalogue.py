@@ -1,0 +1,127 @@
+"""Which artifacts lie under a data root: whatever carries a readable manifest that names its own place."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from schemas.errors import ArtifactError
+from schemas.manifest import Manifest
+from schemas.tables import SCHEMA_VERSION
+
+Kind = Literal["datasets", "estimators", "runs"]
+
+_DEPTH: dict[Kind, int] = {"datasets": 1, "estimators": 1, "runs": 2}  # directories below data/KIND
+_UNFINISHED = (".tmp", ".partial")
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A directory with its manifest. `name` is NAME, or NAME/CELL for a run."""
+
+    kind: Kind
+    name: str
+    path: Path
+    manifest: Manifest
+    manifest_bytes: bytes
+
+    @property
+    def id(self) -> str:
+        """KIND/NAME, as in manifests."""
+        return f"{self.kind}/{self.name}"
+
+    @cached_property
+    def manifest_sha256(self) -> str:
+        """What another artifact's `inputs` pins."""
+        return hashlib.sha256(self.manifest_bytes).hexdigest()
+
+    def parquet(self, pattern: str) -> list[Path]:
+        """Its finished Parquet files that match, in order; those being written have hidden names."""
+        return sorted(path for path in self.path.glob(pattern) if not path.name.startswith("."))
+
+
+def artifacts(data_root: Path, kind: Kind) -> list[Artifact]:
+    """All artifacts of a kind, by name. Foreign, hidden and temporary directories are passed over.
+
+    Raises:
+        ArtifactError: an artifact of another schema version.
+    """
+    root = data_root.resolve()
+    found = [_read(root, kind, path) for path in _directories(root / kind, _DEPTH[kind])]
+    return [artifact for artifact in found if artifact is not None]
+
+
+def _directories(parent: Path, depth: int) -> Iterator[Path]:
+    if not parent.is_dir():
+        return
+    for path in sorted(parent.iterdir()):
+        if path.name.startswith(".") or path.name.endswith(_UNFINISHED) or not path.is_dir():
+            continue
+        if depth == 1:
+            yield path
+        else:
+            yield from _directories(path, depth - 1)
+
+
+def _read(root: Path, kind: Kind, path: Path) -> Artifact | None:
+    """The artifact at `path`; None where there is none, or a link leads out of the data root."""
+    name = path.relative_to(root / kind).as_posix()
+    try:
+        data = (path / "manifest.json").read_bytes()
+        manifest = Manifest.model_validate_json(data)
+    except (OSError, ValidationError):
+        return None
+    if manifest.id != f"{kind}/{name}" or not path.resolve().is_relative_to(root):
+        return None
+    if manifest.schema_version != SCHEMA_VERSION:
+        raise ArtifactError(
+            f"{manifest.id} has schema version {manifest.schema_version}, this program reads {SCHEMA_VERSION}; "
+            "use the version of the program that wrote it, or move the artifact out of the data root"
+        )
+    return Artifact(kind, name, path, manifest, data)
+
+
+def select(found: Sequence[Artifact], names: Sequence[str]) -> list[Artifact]:
+    """The artifacts named: NAME, NAME/CELL, or the same after KIND/. A run's NAME means all of its cells.
+
+    Raises:
+        ArtifactError: a name that no artifact has; the message lists those there are.
+    """
+    chosen: dict[str, Artifact] = {}
+    for name in names:
+        matches = [artifact for artifact in found if _is_named(artifact, name.strip("/"))]
+        if not matches:
+            valid = ", ".join(sorted({n for a in found for n in (a.name, a.name.split("/")[0])})) or "none there"
+            raise ArtifactError(f"no readable artifact {name!r} under the data root; valid: {valid}")
+        chosen.update({artifact.id: artifact for artifact in matches})
+    return list(chosen.values())
+
+
+def _is_named(artifact: Artifact, name: str) -> bool:
+    name = name.removeprefix(f"{artifact.kind}/")
+    return artifact.name == name or artifact.name.startswith(f"{name}/")
+
+
+def check_files(artifact: Artifact) -> None:
+    """Compare the sizes of a complete artifact's Parquet files with its manifest.
+
+    Raises:
+        ArtifactError: a file is missing or has another size.
+    """
+    if artifact.manifest.status != "complete":
+        return
+    for file in artifact.manifest.files:
+        path = artifact.path / file.path
+        if not file.path.endswith(".parquet"):
+            continue
+        if not path.is_file():
+            raise ArtifactError(f"{artifact.id}: {file.path} is missing; restore it or make the artifact again")
+        if path.stat().st_size != file.bytes:
+            raise ArtifactError(
+                f"{artifact.id}: {file.path} has {path.stat().st_size} bytes, its manifest says {file.bytes}; "
+                "restore it or make the artifact again"
+            )

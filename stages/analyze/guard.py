@@ -1,0 +1,83 @@
+"""What SQL is let through: one statement that only reads.
+
+DuckDB's own confinement keeps reads inside the data root, but it would let `COPY … TO` write there, also inside a
+`WITH` clause and under `EXPLAIN ANALYZE`. So the syntax tree is checked: every query node must be a reading one, and
+every table function one of those that read.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import duckdb
+
+from schemas.errors import ConfigError, unknown_choice
+
+_ALLOWED = "allowed: one SELECT, WITH, FROM, VALUES, DESCRIBE, SUMMARIZE, SHOW or EXPLAIN statement"
+_READING_NODES = {"SELECT_NODE", "SET_OPERATION_NODE", "RECURSIVE_CTE_NODE", "CTE_NODE"}
+_TABLE_FUNCTIONS = {
+    *("range", "generate_series", "unnest", "repeat", "repeat_row", "summary"),
+    *("read_parquet", "parquet_scan", "parquet_schema", "parquet_metadata", "parquet_file_metadata", "glob"),
+    *("read_csv", "read_csv_auto", "read_json", "read_json_auto", "json_each", "json_tree"),
+    *("duckdb_columns", "duckdb_functions", "duckdb_tables", "duckdb_types", "duckdb_views", "pragma_table_info"),
+}
+_EXPLAIN = re.compile(r"explain(\s+analyze)?(\s*\([^()]*\))?\s+(?=\w)", re.IGNORECASE)
+
+
+def check(connection: duckdb.DuckDBPyConnection, sql: str) -> str:
+    """The statement in `sql`, if it is one that only reads.
+
+    Raises:
+        ConfigError: a syntax error, more or less than one statement, or one that does more than read.
+    """
+    try:
+        statements = duckdb.extract_statements(sql)
+    except duckdb.Error as error:
+        raise ConfigError(f"SQL: {error}") from None
+    if len(statements) != 1:
+        raise ConfigError(f"SQL: {len(statements)} statements given; {_ALLOWED}")
+    statement = statements[0]
+    text = statement.query.strip()
+    if statement.type == duckdb.StatementType.EXPLAIN:
+        _check_tree(connection, _explained(text))
+    elif statement.type == duckdb.StatementType.SELECT:
+        _check_tree(connection, text)
+    else:
+        raise ConfigError(f"SQL: {statement.type.name} statements are refused, the logs are read-only; {_ALLOWED}")
+    return text
+
+
+def _explained(text: str) -> str:
+    match = _EXPLAIN.match(text)
+    if match is None:
+        raise ConfigError("SQL: cannot tell what is to be explained; write EXPLAIN [ANALYZE] SELECT … without comments")
+    return text[match.end() :]
+
+
+def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
+    [(serialised,)] = connection.execute("SELECT json_serialize_sql(?)", [text]).fetchall()
+    tree = json.loads(serialised)
+    if tree["error"]:
+        raise ConfigError(f"SQL: {tree.get('error_message', 'not a query')}; {_ALLOWED}")
+    for node in _nodes(tree):
+        kind = str(node.get("type"))
+        if kind.endswith("_NODE") and kind not in _READING_NODES:
+            verb = kind.removesuffix("_NODE").removesuffix("_QUERY")
+            raise ConfigError(f"SQL: {verb} is refused, the logs are read-only; {_ALLOWED}")
+        if kind == "TABLE_FUNCTION":
+            name = str(node["function"].get("function_name")).lower()
+            if name not in _TABLE_FUNCTIONS:
+                raise ConfigError(f"SQL: {unknown_choice('table function', name, _TABLE_FUNCTIONS)}")
+
+
+def _nodes(tree: Any) -> Iterator[dict[str, Any]]:
+    """Every object of a JSON tree; a stack, since expressions may nest deeper than Python's calls."""
+    stack = [tree]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, dict):
+            yield item
+            stack.extend(item.values())
+        elif isinstance(item, list):
+            stack.extend(item)

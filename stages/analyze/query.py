@@ -1,0 +1,96 @@
+"""SQL over all logs: checked, streamed, written as text or Parquet."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+import duckdb
+import pyarrow as pa
+
+from schemas.errors import ArtifactError, ConfigError, unknown_choice
+from stages.analyze import guard
+from stages.analyze.views import connect
+from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
+
+BATCH_ROWS = 10_000
+FORMATS = (*TEXT_WRITERS, "parquet")
+
+
+def query(connection: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
+    """The answer to one reading statement, as a stream of batches.
+
+    Raises:
+        ConfigError: the statement is refused or wrong; DuckDB's message points at the spot.
+    """
+    statement = guard.check(connection, sql)
+    try:
+        return connection.sql(statement).to_arrow_reader(BATCH_ROWS)
+    except duckdb.Error as error:
+        raise _sql_error(_located(connection, statement, error)) from None
+
+
+def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> int:
+    """Write the stream as `format` to an open text stream, or to a file that is whole or absent; returns the rows.
+
+    Raises:
+        ConfigError: an unknown format, Parquet to a text stream, or an SQL error met on the way.
+        ArtifactError: a damaged file met on the way.
+    """
+    if format not in FORMATS:
+        raise ConfigError(unknown_choice("format", format, FORMATS))
+    if not isinstance(target, Path):
+        if format == "parquet":
+            raise ConfigError("Parquet is no text: name a file with -o FILE.parquet")
+        return TEXT_WRITERS[format](reader.schema, _batches(reader), target)
+    if target.is_dir() or not target.parent.is_dir():
+        raise ConfigError(f"cannot write {target}: it is a directory or lies in none")
+    temporary = target.with_name(f".{target.name}.tmp")
+    try:
+        rows = _to_file(reader, format, temporary)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return rows
+
+
+def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream: TextIO) -> int:
+    """Answer `sql` over the artifacts under `data_root`, into the file `output` or else `stream`; returns the rows."""
+    if output is None and format == "parquet":
+        raise ConfigError("Parquet is no text: name a file with -o FILE.parquet")
+    with connect(data_root) as connection:
+        return write(query(connection, sql), format, output if output is not None else stream)
+
+
+def _to_file(reader: pa.RecordBatchReader, format: str, path: Path) -> int:
+    if format == "parquet":
+        return write_parquet_stream(reader.schema, _batches(reader), path)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        return TEXT_WRITERS[format](reader.schema, _batches(reader), file)
+
+
+def _batches(reader: pa.RecordBatchReader) -> Iterator[pa.RecordBatch]:
+    """The batches; what goes wrong while DuckDB computes them is an error of the query, not of the writing."""
+    while True:
+        try:
+            batch = reader.read_next_batch()
+        except StopIteration:
+            return
+        except (duckdb.Error, pa.ArrowException, OSError) as error:
+            raise _sql_error(str(error)) from None
+        yield batch
+
+
+def _located(connection: duckdb.DuckDBPyConnection, statement: str, error: duckdb.Error) -> str:
+    """DuckDB's message with the line and the mark; relations leave them out of binder errors, statements do not."""
+    if "LINE" in str(error):
+        return str(error)
+    try:
+        connection.execute(statement)
+    except duckdb.Error as located:
+        return str(located)
+    return str(error)
+
+
+def _sql_error(message: str) -> ConfigError | ArtifactError:
+    damaged = "No magic bytes" in message or "too small to be a Parquet file" in message
+    return ArtifactError(f"a log is damaged: {message}") if damaged else ConfigError(f"SQL: {message}")

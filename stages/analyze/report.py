@@ -1,0 +1,204 @@
+"""The report: one HTML file that opens offline, with everything it needs inside."""
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import vl_convert
+from markupsafe import Markup
+
+from stages.analyze import paper, provenance
+from stages.analyze.catalogue import Artifact
+from stages.analyze.config import AnalyzeConfig
+from stages.analyze.figures import export, theme
+from stages.analyze.figures.figure import Figure
+from stages.analyze.recordings import Recording
+from stages.analyze.results import SCHEMES, Comparison, Group, Switch, misalignment
+from stages.analyze.study import Answer, Selection
+
+_ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.PackageLoader("stages.analyze"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Everything the report shows."""
+
+    config: AnalyzeConfig
+    selection: Selection
+    answers: dict[str, Answer]
+    groups: list[Group]
+    switches: list[Switch]
+    comparisons: list[Comparison]
+    estimator_figures: list[Figure]
+    curve_figures: list[Figure]
+    success_figures: list[Figure]
+    error_figures: list[Figure]
+    recordings: list[Recording]
+    cameras: list[Path]
+
+    @property
+    def figures(self) -> list[Figure]:
+        """All of them, in the order of the page."""
+        return [*self.estimator_figures, *self.curve_figures, *self.success_figures, *self.error_figures]
+
+
+def render(contents: Contents) -> str:
+    """The report as HTML. Names of artifacts are data, so they are escaped wherever they appear."""
+    policy_sections = [
+        {"id": "curves", "title": "Learning curves", "figures": contents.curve_figures},
+        {"id": "success", "title": "Success", "figures": contents.success_figures},
+        {"id": "reward-errors", "title": "Reward error", "figures": contents.error_figures},
+    ]
+    shown = [*contents.selection.estimators, *contents.selection.runs]
+    confidence = f"{100 * contents.config.confidence:g} %"
+    return _ENVIRONMENT.get_template("report.html.j2").render(
+        title=_title(contents.selection),
+        sections=_sections(contents, policy_sections),
+        tiles=_tiles(contents),
+        findings=provenance.findings(contents.groups, confidence),
+        groups=contents.groups,
+        several_names=len({group.name for group in contents.groups}) > 1,
+        failed=[run for run in contents.selection.runs if run.manifest.status == "failed"],
+        estimators=[_estimator(artifact) for artifact in contents.selection.estimators],
+        estimator_figures=contents.estimator_figures,
+        policy_sections=policy_sections,
+        switches=contents.switches,
+        comparisons=contents.comparisons,
+        cameras=[{"title": path.stem.removeprefix("camera-"), "uri": _data_uri(path)} for path in contents.cameras],
+        recordings=[recording for recording in contents.recordings if recording.error is None],
+        limits=_limits(contents, shown),
+        lineage=provenance.lineage(contents.selection),
+        environments=provenance.environments(shown),
+        settings=[(key.replace("_", " "), value) for key, value in contents.config.model_dump().items()],
+        sql={name.replace("-", "_"): answer.sql for name, answer in contents.answers.items()},
+        confidence=confidence,
+        bootstrap_samples=f"{contents.config.bootstrap_samples:,}",
+        paper=paper,
+        schemes=SCHEMES,
+        charts=_charts(contents.figures),
+        css=Markup(_text("report.css") + _swatches()),
+        script=Markup(_text("report.js")),
+        bundle=Markup(_bundle()),
+    )
+
+
+def _title(selection: Selection) -> str:
+    names = sorted({run.name.split("/")[0] for run in selection.runs}) or [e.name for e in selection.estimators]
+    return ", ".join(names)
+
+
+def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
+    present = [
+        ("summary", "Summary", True),
+        ("estimator", "Estimator", contents.estimator_figures),
+        ("cameras", "Camera settings", contents.cameras),
+        *((section["id"], section["title"], section["figures"]) for section in policy),
+        ("switch", "Effect of the switch", contents.switches),
+        ("paper", "Paper beside ours", True),
+        ("recordings", "Recordings", any(recording.error is None for recording in contents.recordings)),
+        ("limits", "What can be concluded", True),
+        ("lineage", "Artifacts", True),
+        ("environment", "Environment", True),
+    ]
+    return [(id, label) for id, label, there in present if there]
+
+
+@dataclass(frozen=True)
+class _Tile:
+    label: str
+    value: str
+    unit: str
+    note: str
+
+
+def _tiles(contents: Contents) -> list[_Tile]:
+    tiles = []
+    runs = contents.selection.runs
+    if runs:
+        statuses = [run.manifest.status for run in runs]
+        counts = [f"{statuses.count(s)} {s}" for s in ("complete", "running", "failed") if s in statuses]
+        tiles.append(_Tile("Runs", str(len(runs)), "", ", ".join(counts)))
+        seeds = sorted({len(group.seeds) for group in contents.groups})
+        several = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]}–{seeds[-1]}"
+        tiles.append(_Tile("Seeds a group", several, "", f"{len(contents.groups)} groups; the paper has {paper.SEEDS}"))
+        volume = contents.answers["volume"].rows[0]
+        note = f"in {volume['episodes']:,} episodes, every one queryable and replayable"
+        tiles.append(_Tile("Transitions logged", f"{volume['transitions'] or 0:,}", "", note))
+    errors = [row for row in map(_estimator, contents.selection.estimators) if row["mean"] is not None]
+    if errors:
+        best = min(errors, key=lambda row: row["mean"])
+        note = f"mean on test episodes; the paper has {100 * paper.ESTIMATOR_ERROR:.1f} cm"
+        tiles.append(_Tile("Estimator error", f"{100 * best['mean']:.2f}", "cm", note))
+    return tiles
+
+
+def _estimator(artifact: Artifact) -> dict[str, Any]:
+    summary = artifact.manifest.summary
+    errors = {part: _number(summary.get(f"test_{part}_error")) for part in ("mean", "median", "p95")}
+    return {"name": artifact.name, "epochs": summary.get("epochs"), **errors}
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _limits(contents: Contents, shown: Sequence[Artifact]) -> list[str]:
+    lines = provenance.limits(contents.groups, shown, paper.SEEDS)
+    return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]
+
+
+def _charts(figures: Sequence[Figure]) -> dict[str, Any]:
+    themes = {"light": theme.config(dark=False), "dark": theme.config(dark=True)}
+    return {"themes": themes, "figures": {figure.id: export.page_specification(figure) for figure in figures}}
+
+
+def _text(name: str) -> str:
+    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+
+
+def _swatches() -> str:
+    rules = [f".swatch.{scheme} {{ background: {colour}; }}" for scheme, colour in theme.COLOURS.items()]
+    oracle = theme.COLOURS["oracle"]
+    dashed = f".swatch.oracle {{ background: repeating-linear-gradient(90deg, {oracle} 0 5px, transparent 5px 9px); }}"
+    return "\n".join([*rules, dashed])
+
+
+@cache
+def _bundle() -> str:
+    """Vega, Vega-Lite and Vega-Embed; a closing tag inside a string must not end the script."""
+    return vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;").replace("</script", "<\\/script")
+
+
+def _data_uri(path: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _figure(value: float | None, digits: int = 1, scale: float = 1) -> str:
+    return "–" if value is None or not math.isfinite(value) else f"{value * scale:.{digits}f}".replace("-", "−")
+
+
+def _signed(value: float, digits: int = 1) -> str:
+    text = f"{value:+.{digits}f}"
+    return text.replace("-", "−") if float(text) else f"{0:.{digits}f}"
+
+
+def _schemes_of(figure: Figure) -> list[str]:
+    present = {row["scheme"] for row in figure.rows}
+    return [scheme for scheme in SCHEMES if scheme in present]
+
+
+_ENVIRONMENT.filters["figure"] = _figure
+_ENVIRONMENT.filters["signed"] = _signed
+_ENVIRONMENT.filters["camera"] = lambda item: misalignment(item.misalignment_kind, item.misalignment_deg)
+_ENVIRONMENT.filters["schemes_of"] = _schemes_of

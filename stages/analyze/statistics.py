@@ -1,0 +1,65 @@
+"""Statistics over seeds: few values, so intervals are bootstrapped and trimming is exact."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of one quantity over the seeds of a group. What one value cannot tell (spread, interval) is None."""
+
+    n: int
+    mean: float
+    std: float | None  # sample standard deviation
+    iqm: float
+    low: float | None  # bootstrap interval of the mean
+    high: float | None
+
+
+def summarise(values: np.ndarray, rng: np.random.Generator, samples: int, confidence: float) -> Summary | None:
+    """Summary of `values` (n,), those that are not finite left out; None when none is left."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return None
+    mean, iqm = float(np.mean(finite)), interquartile_mean(finite)
+    if len(finite) == 1:
+        return Summary(1, mean, None, iqm, None, None)
+    low, high = bootstrap_interval(finite, rng, samples, confidence)
+    return Summary(len(finite), mean, float(np.std(finite, ddof=1)), iqm, low, high)
+
+
+def interquartile_mean(values: np.ndarray) -> float:
+    """Mean of the middle half of `values` (n,): the quantile function integrated from 1/4 to 3/4, times two.
+
+    When n is a multiple of four it is the mean without the lowest and the highest quarter (Agarwal et al. 2021); else
+    the values at the edges count by the share of them that lies inside, instead of trimming nothing at n = 3.
+    """
+    if len(values) == 0:
+        raise ValueError("the interquartile mean of no values")
+    edges = np.linspace(0.0, 1.0, len(values) + 1)  # (n + 1,) the i-th sorted value covers edges[i] to edges[i + 1]
+    inside = np.clip(edges, 0.25, 0.75)
+    return float(np.average(np.sort(values), weights=np.diff(inside)))
+
+
+def bootstrap_interval(
+    values: np.ndarray,
+    rng: np.random.Generator,
+    samples: int = 10_000,
+    confidence: float = 0.95,
+    statistic: Callable[[np.ndarray], np.ndarray] = lambda resamples: resamples.mean(axis=1),
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of `statistic`, which maps resamples (samples, n) to (samples,)."""
+    if len(values) == 0:
+        raise ValueError("a bootstrap of no values")
+    resamples = values[rng.integers(len(values), size=(samples, len(values)))]
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(statistic(resamples), [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+def distinct_resamples(n: int) -> int:
+    """How many different bootstrap samples `n` values have: with three it is 10, which bounds any interval's detail."""
+    return comb(2 * n - 1, n)

@@ -1,0 +1,95 @@
+"""One process's means of making episodes: scene, worlds, renderer and actor, each built when first needed."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+
+from schemas.errors import ArtifactError, MachineError
+from stages.collect.behaviours import Actor, ActorFactory, make_behaviour
+from stages.collect.config import CollectStageConfig
+from stages.collect.frames import EpisodeResult, read_episode
+from stages.collect.plan import EpisodePlan, Stream
+from stages.collect.recorder import Recorder, config_sha256
+from stages.collect.simulate import simulate
+from stages.sim.camera import CameraPose, displaced, nominal_pose
+from stages.sim.renderer import Renderer
+from stages.sim.scene import Scene, build_scene
+from stages.sim.tasks import sample_initial_state
+from stages.sim.world import World
+
+
+class Collector:
+    """Makes planned episodes, leaving alone those that are whole already."""
+
+    def __init__(
+        self, config: CollectStageConfig, out: Path, dataset: str, actor_factory: ActorFactory | None = None
+    ) -> None:
+        self._config, self._out, self._dataset = config, out, dataset
+        self._actor_factory = actor_factory
+        self._config_sha256 = config_sha256(config)
+
+    def collect(self, plan: EpisodePlan) -> EpisodeResult:
+        """The episode's result, from its file when that is whole and of this configuration, else after running it.
+
+        Raises:
+            MachineError: unstable simulation, no OpenGL, or no space left.
+        """
+        path = self._out / plan.file
+        if path.exists():
+            try:
+                return self._read(path, plan)
+            except ArtifactError:  # left damaged by an interruption: make it again
+                path.unlink()
+        with no_space_is_machine_error(path):
+            self._make(path, plan)
+        return self._read(path, plan)
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        if "_renderer" in self.__dict__:
+            self._renderer.close()
+
+    def _read(self, path: Path, plan: EpisodePlan) -> EpisodeResult:
+        return read_episode(path, plan, self._dataset, self._config_sha256)
+
+    def _make(self, path: Path, plan: EpisodePlan) -> None:
+        collect, world = self._config.collect, World(self._scene, plan.task)
+        initial_state = sample_initial_state(self._scene, plan.task, plan.rng(Stream.INITIAL_STATE))
+        behaviour = make_behaviour(plan.behaviour, collect.action_noise, plan.rng(Stream.ACTION), self._actor)
+        episode = simulate(world, plan, initial_state, behaviour, collect.steps)
+        self._recorder.record(path, plan, episode, self._camera_of(plan))
+
+    def _camera_of(self, plan: EpisodePlan) -> CameraPose:
+        """The nominal camera, displaced a little in each episode: domain randomisation (paper §IV)."""
+        collect = self._config.collect
+        nominal, rng = nominal_pose(self._config.camera), plan.rng(Stream.CAMERA)
+        return displaced(nominal, rng, collect.camera_translation, collect.camera_rotation)
+
+    @cached_property
+    def _scene(self) -> Scene:
+        return build_scene(self._config.world)
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return Renderer(self._scene, self._config.camera.image_size, self._config.camera.fovy)
+
+    @cached_property
+    def _recorder(self) -> Recorder:
+        return Recorder(self._config, self._renderer, self._scene.joint_names)
+
+    @cached_property
+    def _actor(self) -> Actor | None:
+        return self._actor_factory() if self._actor_factory else None
+
+
+@contextmanager
+def no_space_is_machine_error(path: Path) -> Iterator[None]:
+    """Turn a full disk into an error that says so."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise MachineError(f"no space left for {path}: free some, then continue with --resume") from error

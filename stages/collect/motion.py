@@ -1,0 +1,60 @@
+"""Resolved-rate control of the gripper: where it should go → normalised joint velocities."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stages.sim.world import World
+
+POSITION_GAIN = 4.0  # [1/s]
+ROTATION_GAIN = 2.0  # [1/s]
+REST_GAIN = 0.5  # [1/s], of the redundant joint towards the rest pose
+MAX_SPEED = 0.5  # of the gripper [m/s]
+DAMPING = 0.02  # of the least squares, against singular poses
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def move_gripper(world: World, state: np.void, target: np.ndarray, closing: np.ndarray) -> np.ndarray:
+    """Action (7,) towards `target` (3,) [m] for the gripper point, pointing down, fingers closing along `closing` (3,).
+
+    Damped least squares on position and orientation; the arm's redundancy is spent on staying near its rest pose. Where
+    a joint would be too fast the whole action is scaled, so that the direction stays.
+    """
+    twist = np.concatenate([_velocity(target - state["eef"]), ROTATION_GAIN * _rotation_error(world, closing)])
+    jacobian = np.concatenate([world.gripper_jacobian(), world.gripper_rotation_jacobian()])  # (6, 7)
+    inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + DAMPING**2 * np.eye(6))  # (7, 6)
+    rest = REST_GAIN * (world.scene.rest_qpos - state["qpos"])
+    rates = inverse @ twist + rest - inverse @ (jacobian @ rest)  # [rad/s]
+    action = rates / world.scene.config.max_joint_velocity
+    return action / max(1.0, np.abs(action).max())
+
+
+def closing_direction(axes: np.ndarray, grasped: np.ndarray | None) -> np.ndarray:
+    """Horizontal direction (3,) along which the fingers should close, as near as can be to the present one.
+
+    `axes` is R_world_gripper (3, 3); `grasped` the cube's quaternion (w, x, y, z), to close on two of its sides, or
+    None to leave the fingers as they are.
+    """
+    present = _horizontal(axes[:, 1])
+    if grasped is None:
+        return present
+    side = _horizontal(Rotation.from_quat(grasped, scalar_first=True).as_matrix()[:, 0])
+    sides = np.array([side, -side, np.cross(UP, side), -np.cross(UP, side)])
+    return sides[np.argmax(sides @ present)]
+
+
+def _horizontal(direction: np.ndarray) -> np.ndarray:
+    """Unit vector of the horizontal part; the world's y where there is none."""
+    flat = direction * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(flat)
+    return flat / length if length > 1e-6 else np.array([0.0, 1.0, 0.0])
+
+
+def _velocity(error: np.ndarray) -> np.ndarray:
+    velocity = POSITION_GAIN * error
+    return velocity / max(1.0, float(np.linalg.norm(velocity)) / MAX_SPEED)
+
+
+def _rotation_error(world: World, closing: np.ndarray) -> np.ndarray:
+    """Rotation vector (3,), to first order, from the gripper's axes to the wanted ones."""
+    wanted = np.stack([np.cross(closing, -UP), closing, -UP])  # rows are axes
+    return 0.5 * np.cross(world.gripper_axes().T, wanted).sum(axis=0)

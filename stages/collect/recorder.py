@@ -1,0 +1,106 @@
+"""Writes an episode to its MCAP file (SPEC §4)."""
+
+import hashlib
+import io
+import json
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from mcap_protobuf.writer import Writer
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from schemas import mcap_files, mcap_topics
+from schemas.tables import SCHEMA_VERSION
+from stages.collect.config import CollectStageConfig
+from stages.collect.plan import EpisodePlan
+from stages.collect.simulate import Episode, Snapshot
+from stages.sim.camera import CameraPose, intrinsics, nominal_pose
+from stages.sim.renderer import Renderer
+
+JPEG_QUALITY = 95
+PNG_LEVEL = 1  # half the time of the default for a tenth more bytes
+_VERSIONED = ("mujoco", "robosuite", "numpy")
+
+
+class Recorder:
+    """Renders and records episodes of one dataset."""
+
+    def __init__(self, config: CollectStageConfig, renderer: Renderer, joint_names: tuple[str, ...]) -> None:
+        self._config, self._renderer, self._joint_names = config, renderer, joint_names
+        self._intrinsics = intrinsics(config.camera).matrix
+
+    def record(self, path: Path, plan: EpisodePlan, episode: Episode, camera: CameraPose) -> None:
+        """Write the whole file; it appears at `path` only when complete."""
+        kept = {snapshot.step: snapshot for snapshot in episode.kept}
+        with mcap_files.create(path, self._config.collect.compression) as writer:
+            writer.add_metadata(mcap_topics.EPISODE_METADATA, episode_metadata(self._config, plan, episode, camera))
+            for step, time_ns in enumerate(episode.times_ns):
+                if step in kept:
+                    self._write_frame(writer, time_ns, kept[step], camera)
+                if step in kept or step == 0:
+                    _write_state(writer, time_ns, kept.get(step, episode.initial))
+                action = mcap_topics.action(time_ns, step, episode.actions[step])
+                mcap_files.write(writer, mcap_topics.ACTION, time_ns, action)
+
+    def _write_frame(self, writer: Writer, time_ns: int, snapshot: Snapshot, camera: CameraPose) -> None:
+        config, state, joints = self._config, snapshot.state, self._joint_names
+        frames = {mcap_topics.CAMERA_FRAME: (camera.position, camera.quaternion)} | snapshot.links
+        picture = encode(self._renderer.render(snapshot.qpos, camera), config.collect.image_format)
+        messages: dict[str, mcap_topics.Message] = {
+            mcap_topics.TF: mcap_topics.transforms(time_ns, frames),
+            mcap_topics.CAMERA_CALIBRATION: mcap_topics.calibration(
+                time_ns, config.camera.image_size, self._intrinsics
+            ),
+            mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, picture, config.collect.image_format),
+            mcap_topics.CUBE_POSE: mcap_topics.cube_pose(time_ns, state["cube_position"], state["cube_quaternion"]),
+            mcap_topics.ROBOT_JOINTS: mcap_topics.joint_states(time_ns, joints, state["qpos"], state["qvel"]),
+        }
+        for topic, message in messages.items():
+            mcap_files.write(writer, topic, time_ns, message)
+
+
+def encode(image: np.ndarray, image_format: str) -> bytes:
+    """(H, W, 3) uint8 → png or jpeg."""
+    buffer = io.BytesIO()
+    if image_format == "png":
+        Image.fromarray(image).save(buffer, "PNG", compress_level=PNG_LEVEL)
+    else:
+        Image.fromarray(image).save(buffer, "JPEG", quality=JPEG_QUALITY)
+    return buffer.getvalue()
+
+
+def episode_metadata(
+    config: CollectStageConfig, plan: EpisodePlan, episode: Episode, camera: CameraPose
+) -> dict[str, str]:
+    """What the file's `episode` metadata record says; values that are not words are JSON."""
+    nominal = nominal_pose(config.camera)
+    turn = Rotation.from_matrix(nominal.rotation.T @ camera.rotation).as_rotvec(degrees=True)
+    return {
+        "episode": str(plan.episode),
+        "seed": str(plan.seed),
+        "task": plan.task,
+        "behaviour": plan.behaviour,
+        "split": plan.split,
+        "steps": str(len(episode.times_ns)),
+        "kept_steps": json.dumps(plan.kept_steps),
+        "success": json.dumps(episode.success),
+        "robot": config.world.robot,
+        "camera_translation": json.dumps((camera.position - nominal.position).tolist()),  # [m], world axes
+        "camera_rotation": json.dumps(turn.tolist()),  # rotation vector [degrees], nominal camera's axes
+        "config_sha256": config_sha256(config),
+        "schema_version": str(SCHEMA_VERSION),
+        "versions": json.dumps({package: version(package) for package in _VERSIONED}),
+    }
+
+
+def config_sha256(config: CollectStageConfig) -> str:
+    """Hash of all that the episodes depend on: not of where they are made."""
+    identity = config.model_dump(mode="json", exclude={"collect": {"workers"}})
+    return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _write_state(writer: Writer, time_ns: int, snapshot: Snapshot) -> None:
+    message = mcap_topics.sim_state(time_ns, snapshot.step, snapshot.integration_state, snapshot.qpos)
+    mcap_files.write(writer, mcap_topics.SIM_STATE, time_ns, message)

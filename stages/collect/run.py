@@ -1,0 +1,76 @@
+"""Stage `collect`: runs the robot, renders the fixed camera, records a dataset (SPEC §4)."""
+
+import time
+from collections import Counter
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from schemas.errors import MachineError
+from schemas.files import write_parquet
+from schemas.progress import Progress
+from schemas.tables import FRAMES
+from stages.collect.behaviours import ActorFactory
+from stages.collect.collector import Collector, no_space_is_machine_error
+from stages.collect.config import CollectStageConfig
+from stages.collect.frames import EpisodeResult
+from stages.collect.plan import frames_per_episode, plan_episodes
+from stages.collect.workers import collect_episodes
+
+
+def run(
+    config: CollectStageConfig, out: Path, *, dataset: str, actor: ActorFactory | None = None, progress: Progress
+) -> dict[str, Any]:
+    """Collect into `out`: episodes/*.mcap and frames.parquet. Returns the summary.
+
+    Call again after an interruption: episode files that are whole are the checkpoint, only the others are made. With
+    an `actor`, the policy-related episodes are its; without, the scripted controllers'.
+
+    Raises:
+        MachineError: no OpenGL, no space left, an unstable simulation, a worker that died. Finished episodes are kept.
+    """
+    started = time.monotonic()
+    (out / "episodes").mkdir(exist_ok=True)
+    plans = plan_episodes(config.collect, "scripted" if actor is None else "policy")
+    make = partial(Collector, config, out, dataset, actor)
+    results = []
+    episodes = collect_episodes(make, plans, min(config.collect.workers, len(plans)))
+    with progress.task("collect", total=len(plans)) as task, closing(episodes):
+        for result in episodes:
+            results.append(result)
+            task.advance()
+            task.note(f"{len(results) * frames_per_episode(config.collect)} frames")
+    results.sort(key=lambda result: result.plan.episode)
+    _write_frames(results, config, out)
+    return _summary(results) | {"wall_time_s": time.monotonic() - started}
+
+
+def _write_frames(results: list[EpisodeResult], config: CollectStageConfig, out: Path) -> None:
+    table = pa.Table.from_pylist([row for result in results for row in result.rows], schema=FRAMES)
+    expected = config.collect.episodes * frames_per_episode(config.collect)
+    if table.num_rows != expected:
+        raise MachineError(f"{out} holds {table.num_rows} frames instead of {expected}: continue with --resume")
+    path = out / "frames.parquet"
+    with no_space_is_machine_error(path):
+        write_parquet(table, path)
+
+
+def _summary(results: list[EpisodeResult]) -> dict[str, Any]:
+    return {
+        "episodes": len(results),
+        "frames": sum(len(result.rows) for result in results),
+        "bytes": sum(result.bytes for result in results),
+        "behaviours": dict(sorted(Counter(result.plan.behaviour for result in results).items())),
+        "success_rate": _success_rates(results),
+    }
+
+
+def _success_rates(results: list[EpisodeResult]) -> dict[str, float]:
+    """Share of successful episodes by BEHAVIOUR-TASK."""
+    outcomes: dict[str, list[bool]] = {}
+    for result in results:
+        outcomes.setdefault(f"{result.plan.behaviour}-{result.plan.task}", []).append(result.success)
+    return {group: sum(successes) / len(successes) for group, successes in sorted(outcomes.items())}

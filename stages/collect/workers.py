@@ -1,0 +1,67 @@
+"""Episodes in this process or in several; the results are the same, in whichever order they come."""
+
+import signal
+from collections.abc import Callable, Generator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+
+from schemas.errors import MachineError
+from stages.collect.collector import Collector
+from stages.collect.frames import EpisodeResult
+from stages.collect.plan import EpisodePlan
+
+CollectorFactory = Callable[[], Collector]
+"""Makes each process's collector; picklable."""
+
+_collector: Collector | None = None  # of this worker process
+
+
+def collect_episodes(
+    make: CollectorFactory, plans: list[EpisodePlan], workers: int
+) -> Generator[EpisodeResult, None, None]:
+    """Results as they are finished; close the generator to stop.
+
+    Raises:
+        MachineError: a worker died, or an episode could not be made. Finished episodes stay on disk.
+    """
+    if workers == 1:
+        yield from _in_this_process(make, plans)
+    else:
+        yield from _in_processes(make, plans, workers)
+
+
+def _in_this_process(make: CollectorFactory, plans: list[EpisodePlan]) -> Generator[EpisodeResult, None, None]:
+    collector = make()
+    try:
+        yield from map(collector.collect, plans)
+    finally:
+        collector.close()
+
+
+def _in_processes(
+    make: CollectorFactory, plans: list[EpisodePlan], workers: int
+) -> Generator[EpisodeResult, None, None]:
+    # spawned, not forked: a forked OpenGL context or thread pool is undefined
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker, initargs=(make,))
+    try:
+        for future in as_completed([pool.submit(_collect, plan) for plan in plans]):
+            yield future.result()
+    except BrokenProcessPool as error:
+        raise MachineError(
+            "a collect worker died (killed, or out of memory?); finished episodes are kept: "
+            "continue with --resume, with fewer collect.workers if memory is short"
+        ) from error
+    finally:  # also after an error or Ctrl-C: episodes already running are finished, no others are begun
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker(make: CollectorFactory) -> None:
+    global _collector
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent decides
+    _collector = make()
+
+
+def _collect(plan: EpisodePlan) -> EpisodeResult:
+    assert _collector is not None, "the pool's initializer makes it"
+    return _collector.collect(plan)

@@ -1,0 +1,102 @@
+"""Behaviours in the real world: they act within limits, and the scripts do their tasks."""
+
+import numpy as np
+import pytest
+
+from stages.collect.behaviours import HOLD_STEPS, make_behaviour
+from stages.collect.motion import move_gripper
+from stages.collect.simulate import is_success
+from stages.sim.config import WorldConfig
+from stages.sim.scene import build_scene
+from stages.sim.tasks import sample_initial_state
+from stages.sim.world import World
+from tests.collect.small_dataset import blank_state
+
+
+def start(task: str, seed: int = 0) -> tuple[World, np.void]:
+    world = World(build_scene(WorldConfig()), task)
+    return world, world.reset(sample_initial_state(world.scene, task, np.random.default_rng(seed)))
+
+
+def succeeds(task: str, seed: int, noise: float, steps: int = 120) -> bool:
+    world, state = start(task, seed)
+    behaviour = make_behaviour("scripted", noise, np.random.default_rng(seed))
+    for _ in range(steps):
+        state = world.step(behaviour.act(world, state))
+        if is_success(task, state):
+            return True
+    return False
+
+
+@pytest.mark.parametrize(("task", "noise"), [("reach", 0.0), ("lift", 0.0), ("reach", 0.2), ("lift", 0.2)])
+def test_scripts_do_their_task(task: str, noise: float) -> None:
+    assert sum(succeeds(task, seed, noise) for seed in range(6)) >= 5
+
+
+@pytest.mark.parametrize("offset", [[0.1, 0, 0], [0, -0.1, 0], [0, 0, 0.1]])
+def test_gripper_goes_where_it_is_sent(offset: list[float]) -> None:
+    world, state = start("reach")
+    target, closing = state["eef"] + offset, np.array([1.0, 0.0, 0.0])
+    for _ in range(40):
+        state = world.step(move_gripper(world, state, target, closing))
+    assert np.linalg.norm(state["eef"] - target) < 0.01
+    assert world.gripper_axes()[2, 2] < -0.99  # pointing down
+    assert world.gripper_axes()[0, 1] > 0.99  # closing along the world's x
+
+
+def test_motion_is_scaled_as_a_whole() -> None:
+    world, state = start("reach")
+    near, far = (move_gripper(world, state, state["eef"] + [0, 0, d], np.array([1.0, 0, 0])) for d in (0.13, 1.3))
+    assert np.abs(far).max() <= 1
+    assert far == pytest.approx(near)  # beyond the top speed distance does not matter
+
+
+@pytest.mark.parametrize(("task", "dimension"), [("reach", 7), ("lift", 8)])
+def test_random_actions_are_uniform_and_held(task: str, dimension: int) -> None:
+    world = World(build_scene(WorldConfig()), task)
+    behaviour = make_behaviour("random", 0.5, np.random.default_rng(0))
+    actions = np.array([behaviour.act(world, blank_state()) for _ in range(2000)])
+    assert actions.shape == (2000, dimension)
+    assert actions.dtype == np.float32
+    changes = np.flatnonzero(np.any(np.diff(actions, axis=0) != 0, axis=1)) + 1
+    assert set(np.diff(changes)) == set(range(HOLD_STEPS[0], HOLD_STEPS[1] + 1))
+    drawn = actions[changes]
+    assert np.abs(drawn).max() <= 1
+    assert np.abs(drawn.mean(axis=0)).max() < 0.15
+    assert drawn.std(axis=0) == pytest.approx(np.full(dimension, 1 / np.sqrt(3)), abs=0.08)
+
+
+class Constant:
+    """An actor that wants the same, too much, always."""
+
+    def act(self, state: np.void, task: str) -> np.ndarray:
+        return np.full(8 if task == "lift" else 7, 0.5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_policy_actions_carry_the_configured_noise(noise: float) -> None:
+    world = World(build_scene(WorldConfig()), "lift")
+    behaviour = make_behaviour("policy", noise, np.random.default_rng(0), Constant())
+    actions = np.array([behaviour.act(world, blank_state()) for _ in range(500)])
+    assert actions.max() <= 1
+    assert np.median(actions) == pytest.approx(0.5, abs=0.03)
+    assert (actions < 0.5).std() == pytest.approx(0.5 if noise else 0, abs=0.01)
+    assert np.percentile(actions, 16) == pytest.approx(0.5 - noise, abs=0.03)  # one standard deviation below
+
+
+def test_policy_needs_an_actor() -> None:
+    with pytest.raises(ValueError, match="unknown behaviour 'policy'"):
+        make_behaviour("policy", 0, np.random.default_rng(0))
+
+
+def test_success_is_touch_or_three_centimetres_in_reach_and_lifted_in_lift() -> None:
+    state = blank_state()
+    state["eef"] = [0.031, 0, 0]
+    assert not is_success("reach", state[()])
+    state["eef"] = [0.029, 0, 0]
+    assert is_success("reach", state[()])
+    state["eef"], state["touched"] = [1, 0, 0], True
+    assert is_success("reach", state[()])
+    assert not is_success("lift", state[()])
+    state["lifted"] = True
+    assert is_success("lift", state[()])

@@ -1,0 +1,178 @@
+"""Collecting: resumable, the same with any number of workers, clear when it cannot go on."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from schemas import mcap_files
+from schemas.errors import MachineError
+from schemas.mcap_files import read_metadata
+from stages.collect import collector
+from stages.collect.recorder import config_sha256
+from tests.collect.small_dataset import decode, episode_files, frames, tiny
+
+Collect = Callable[..., dict[str, Any]]
+
+
+class Still:
+    """An actor that does not move."""
+
+    def act(self, state: np.void, task: str) -> np.ndarray:
+        return np.zeros(8 if task == "lift" else 7, np.float32)
+
+
+class Deadly:
+    """An actor whose process is killed, as the kernel does when memory runs out."""
+
+    def act(self, state: np.void, task: str) -> np.ndarray:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError("not reached")
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in episode_files(out)}
+
+
+def test_summary_counts(collect: Collect, tmp_path: Path) -> None:
+    summary = collect(tiny())
+    assert summary.pop("wall_time_s") > 0
+    assert summary == {
+        "episodes": 3,
+        "frames": 12,
+        "bytes": sum(path.stat().st_size for path in episode_files(tmp_path / "out")),
+        "behaviours": {"random": 1, "scripted": 2},
+        "success_rate": summary["success_rate"],
+    }
+    assert sum(key.startswith("scripted") for key in summary["success_rate"]) >= 1
+
+
+def test_dataset_does_not_depend_on_workers(collect: Collect, tmp_path: Path) -> None:
+    collect(tiny())
+    alone = contents(tmp_path / "out")
+    table = pq.read_table(tmp_path / "out" / "frames.parquet")
+    (tmp_path / "out").rename(tmp_path / "alone")
+    collect(tiny(workers=2))
+    assert contents(tmp_path / "out") == alone
+    assert pq.read_table(tmp_path / "out" / "frames.parquet").equals(table)
+
+
+def test_resuming_makes_only_what_is_missing_or_damaged(collect: Collect, tmp_path: Path) -> None:
+    collect(tiny())
+    out, whole = tmp_path / "out", contents(tmp_path / "out")
+    kept, damaged, missing = episode_files(out)
+    untouched = kept.stat().st_mtime_ns
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    missing.rename(missing.with_name(f".{missing.name}.tmp"))  # as a killed process leaves it
+    (out / "frames.parquet").unlink()
+    assert collect(tiny())["frames"] == 12
+    assert contents(out) == whole
+    assert kept.stat().st_mtime_ns == untouched
+    assert pq.read_table(out / "frames.parquet").num_rows == 12
+
+
+def test_files_of_another_configuration_are_not_taken_over(collect: Collect, tmp_path: Path) -> None:
+    collect(tiny())
+    collect(tiny(seed=1))
+    expected = config_sha256(tiny(seed=1))
+    assert {read_metadata(path)["config_sha256"] for path in episode_files(tmp_path / "out")} == {expected}
+
+
+def test_config_hash_ignores_only_the_workers() -> None:
+    assert config_sha256(tiny()) == config_sha256(tiny(workers=7))
+    assert config_sha256(tiny()) != config_sha256(tiny(action_noise=0.3))
+
+
+def test_jpeg_and_lz4(collect: Collect, tmp_path: Path) -> None:
+    collect(tiny(image_format="jpeg", compression="lz4", episodes=1))
+    message = frames(episode_files(tmp_path / "out")[0])[0]["/camera/image"]
+    assert message.format == "jpeg"
+    assert message.data[:3] == b"\xff\xd8\xff"
+    assert decode(message).shape == (32, 32, 3)
+
+
+def test_an_injected_actor_acts(collect: Collect, tmp_path: Path) -> None:
+    summary = collect(tiny(random_fraction=0.0, action_noise=0.0), actor=Still)
+    assert summary["behaviours"] == {"policy": 3}
+    actions = mcap_files.read_messages(episode_files(tmp_path / "out")[0], "/action")
+    assert {value for _, _, message in actions for value in message.values} == {0.0}
+
+
+def test_killed_worker_is_a_machine_error(collect: Collect) -> None:
+    with pytest.raises(MachineError, match="a collect worker died"):
+        collect(tiny(workers=2, random_fraction=0.0), actor=Deadly)
+
+
+def test_unstable_simulation_names_the_episode(
+    collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = collector.sample_initial_state
+
+    def diverging_in_lift(scene: Any, task: str, rng: np.random.Generator) -> np.ndarray:
+        state = sample(scene, task, rng)
+        return np.full_like(state, np.nan) if task == "lift" else state
+
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to a file in the working directory
+    monkeypatch.setattr(collector, "sample_initial_state", diverging_in_lift)
+    with pytest.raises(MachineError, match=r"episode 1 \(lift, .*unstable at step 0"):
+        collect(tiny())
+    assert [path.name for path in (tmp_path / "out" / "episodes").iterdir()] == ["episode-000000.mcap"]
+
+
+def test_full_disk_is_a_machine_error(collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(mcap_files.os, "fsync", full)
+    with pytest.raises(MachineError, match=r"no space left for .*episode-000000\.mcap"):
+        collect(tiny())
+    assert list((tmp_path / "out" / "episodes").iterdir()) == []
+
+
+INTERRUPTED = """
+import sys
+from pathlib import Path
+from schemas.progress import Silent
+from stages.collect.run import run
+from tests.collect.small_dataset import tiny
+if __name__ == "__main__":
+    run(tiny(workers=2, episodes=400), Path(sys.argv[1]), dataset="d", progress=Silent())
+"""
+
+
+def test_interrupt_keeps_finished_episodes_and_leaves_no_half_ones(tmp_path: Path) -> None:
+    script = tmp_path / "collect.py"
+    script.write_text(INTERRUPTED)
+    out = tmp_path / "out"
+    out.mkdir()
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen(
+        [sys.executable, script, out], env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        while process.poll() is None and not list(out.glob("episodes/*.mcap")):
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does on Ctrl-C
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert errors.count("Traceback") == 1
+    assert errors.strip().endswith("KeyboardInterrupt")
+    files = list((out / "episodes").iterdir())
+    assert 0 < len(files) < 400
+    assert all(path.name.startswith("episode-") for path in files)
+    assert all(len(frames(path)) == 4 for path in files)
+
+
+def test_collecting_does_not_load_torch() -> None:
+    code = "import sys, stages.collect.run, stages.collect.rerender; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
