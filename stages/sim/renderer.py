@@ -60,6 +60,7 @@ class Renderer:
 
     def render(self, qpos: np.ndarray, pose: CameraPose) -> np.ndarray:
         """Image (H, W, 3) uint8 of the scene at generalised positions `qpos` (nq,) from `pose`."""
+        self._context.make_current()  # another renderer of this thread may have drawn since
         model, data = self._model, self._data
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)

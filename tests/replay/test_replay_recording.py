@@ -14,6 +14,7 @@ from schemas.errors import ArtifactError, ConfigError, PipelineError
 from stages.replay.frames import encode, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.recording import record_dataset_episode, record_episode
+from stages.sim.config import CameraConfig
 from tests.replay.test_replay_blueprints import views
 from tests.replay.tiny_run import ESTIMATOR, edit_manifest, tamper
 
@@ -122,10 +123,11 @@ def test_a_run_without_estimates_shows_none(fresh_run: MakeRun, tmp_path: Path):
 
 
 def test_the_camera_is_the_estimators_misaligned_as_the_run_says(run_dir: Path):
-    camera = run_camera(load_episode(run_dir, "final", 0))  # orbit by 5° about the target (0, 0, 0.83)
-    angle = np.degrees(np.arctan2(camera.pose.position[1], camera.pose.position[0]))
+    camera = run_camera(load_episode(run_dir, "final", 0))  # orbit by 5° about the target
+    around = camera.pose.position - CameraConfig().target
+    angle = np.degrees(np.arctan2(around[1], around[0]))
     assert angle == pytest.approx(5.0)
-    assert camera.pose.position[2] == pytest.approx(1.35)
+    assert camera.pose.position[2] == pytest.approx(CameraConfig().position[2])
     assert camera.intrinsics.size == 64
     assert run_camera(load_episode(run_dir, "final", 0), image_size=200).intrinsics.size == 200
 
