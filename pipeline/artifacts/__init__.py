@@ -1,0 +1,1 @@
+"""Artifacts: directories that are complete or absent, their manifests, lineage and locks (SPEC §2)."""

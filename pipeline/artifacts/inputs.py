@@ -1,0 +1,107 @@
+"""Finding and verifying artifacts that are to be read."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.artifacts.manifests import file_sha256, manifest_sha256, read_manifest
+from pipeline.artifacts.names import STAGE_OF, artifact_path, depth, existing_ids, split_id
+from pipeline.artifacts.store import check_present
+from schemas.errors import ArtifactError, ConfigError, PipelineError
+from schemas.manifest import FileRef, InputRef, Manifest
+
+HASHED = (".parquet", ".json", ".safetensors")
+"""Files verified by content each time they are an input; the many and large MCAP files by size, unless `deep`."""
+
+
+def load_complete(
+    root: Path, artifact_id: str, deep: bool = False, accepted: tuple[str, ...] = ("complete",)
+) -> Manifest:
+    """Manifest of an input whose status is `accepted`, its files verified; `deep` hashes MCAP files as well.
+
+    Raises:
+        ArtifactError: missing (lists what exists), not finished, damaged, foreign or of a newer schema version.
+    """
+    manifest = load(root, artifact_id)
+    path = artifact_path(root, artifact_id)
+    if manifest.status not in accepted:
+        state = "is not finished" if manifest.status == "running" else "failed"
+        raise ArtifactError(f"{artifact_id} {state}: resume it with `pipeline {manifest.stage} … --resume`")
+    check_present(path, manifest)
+    for file in manifest.files:
+        if deep or file.path.endswith(HASHED):
+            _check_content(path, manifest.id, file)
+    return manifest
+
+
+def load(root: Path, artifact_id: str) -> Manifest:
+    """Manifest of an artifact in any state; ArtifactError lists what exists when it does not."""
+    kind, _ = split_id(artifact_id)
+    path = artifact_path(root, artifact_id)
+    if not path.exists():
+        there = ", ".join(existing_ids(root, kind)) or f"no {kind}"
+        raise ArtifactError(
+            f"{artifact_id} does not exist under {root}; there: {there}. Make it: `{make(artifact_id)}`"
+        )
+    return read_manifest(path, artifact_id)
+
+
+def make(artifact_id: str) -> str:
+    """Command that makes an artifact of this id."""
+    kind, names = split_id(artifact_id)
+    return f"pipeline {STAGE_OF[kind]} --name {names[0]}"
+
+
+def _check_content(directory: Path, artifact_id: str, file: FileRef) -> None:
+    path = directory / file.path
+    if file_sha256(path) != file.sha256:
+        raise ArtifactError(f"{artifact_id} is damaged: the content of {path} is not what was written; make it again")
+
+
+def input_ref(root: Path, artifact_id: str) -> InputRef:
+    """Pin an input by the hash of its manifest."""
+    return InputRef(id=artifact_id, manifest_sha256=manifest_sha256(artifact_path(root, artifact_id)))
+
+
+def resolve(root: Path, reference: str, kinds: tuple[str, ...] = tuple(STAGE_OF)) -> str:
+    """Id that a user's reference means: a whole id, a path under the data root, or an unambiguous bare name."""
+    text = reference.removeprefix(f"{root}/").strip("/")
+    head, *rest = text.split("/")
+    if head in kinds and len(rest) == depth(head):
+        return text
+    candidates = [each for kind in kinds for each in existing_ids(root, kind) if _means(text, each)]
+    if len(candidates) == 1:
+        return candidates[0]
+    if candidates:
+        raise ConfigError(f"{reference!r} is ambiguous, it may mean: {', '.join(candidates)}")
+    there = ", ".join(each for kind in kinds for each in existing_ids(root, kind)) or "nothing"
+    raise ArtifactError(f"no artifact {reference!r} under {root}; there: {there}")
+
+
+def _means(text: str, artifact_id: str) -> bool:
+    """A reference means NAME, NAME/CELL, CELL or, for every cell of a group of runs, runs/NAME."""
+    kind, *names = artifact_id.split("/")
+    return text in ("/".join(names), names[0], names[-1]) or (kind == "runs" and text == f"runs/{names[0]}")
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """An artifact and what it was made from, back to the first input."""
+
+    id: str
+    manifest: Manifest | None  # None when it is gone
+    changed: bool
+    """It is no longer the artifact that was the input: its manifest has another hash."""
+    inputs: tuple["Lineage", ...]
+
+
+def lineage(root: Path, artifact_id: str, pinned: str | None = None) -> Lineage:
+    """Follow the inputs recorded in the manifests."""
+    try:
+        manifest = load(root, artifact_id)
+    except PipelineError:
+        if pinned is None:
+            raise
+        return Lineage(artifact_id, None, True, ())
+    changed = pinned is not None and pinned != manifest_sha256(artifact_path(root, artifact_id))
+    inputs = tuple(lineage(root, ref.id, ref.manifest_sha256) for ref in manifest.inputs)
+    return Lineage(artifact_id, manifest, changed, inputs)

@@ -1,0 +1,48 @@
+"""One writer per artifact."""
+
+import os
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from schemas.errors import ConfigError
+
+
+def is_held(root: Path, artifact_id: str) -> bool:
+    """Some process is writing the artifact now."""
+    lock = ArtifactLock(root, artifact_id)
+    if not lock.path.exists():
+        return False
+    try:
+        with FileLock(lock.path, blocking=False):
+            return False
+    except Timeout:
+        return True
+
+
+class ArtifactLock:
+    """Held while an artifact is written. The operating system releases it when the process ends, however it ends."""
+
+    def __init__(self, root: Path, artifact_id: str) -> None:
+        self._id = artifact_id
+        self.path = root / ".locks" / f"{artifact_id.replace('/', '--')}.lock"
+        self._lock = FileLock(self.path)
+
+    def acquire(self) -> None:
+        """Take the lock; ConfigError naming the holder when another process has it."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._lock.acquire(blocking=False)
+        except Timeout as error:
+            raise ConfigError(
+                f"{self._id} is being written by another process ({self._holder()}): wait for it or use another --name"
+            ) from error
+        self.path.write_text(f"{os.getpid()}\n", encoding="ascii")
+
+    def release(self) -> None:
+        """Let the next writer in."""
+        self._lock.release()
+
+    def _holder(self) -> str:
+        text = self.path.read_text(encoding="ascii", errors="replace").strip()
+        return f"pid {text}" if text.isdigit() else "pid unknown"

@@ -1,0 +1,226 @@
+"""Making artifacts: every one is complete, or says that it is not, or is absent."""
+
+import os
+import shutil
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pipeline.artifacts.environment import code, environment
+from pipeline.artifacts.lock import ArtifactLock
+from pipeline.artifacts.manifests import (
+    MANIFEST,
+    config_sha256,
+    differences,
+    list_files,
+    read_manifest,
+    write_manifest,
+)
+from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
+from schemas.errors import ArtifactError, ConfigError, Interrupted
+from schemas.files import fsync_directory
+from schemas.manifest import InputRef, Manifest
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for: an artifact, everything it depends on, nothing about how it is made."""
+
+    id: str
+    config: dict[str, Any]
+    inputs: list[InputRef] = field(default_factory=list)
+
+    @property
+    def config_sha256(self) -> str:
+        """Hash that decides whether an existing artifact is the one asked for."""
+        return config_sha256(self.config)
+
+
+class Build:
+    """An artifact being written, locked until the `with` block ends.
+
+    `path` is where the stage writes. Leaving the block without `finish` records why: an interruption leaves the
+    status `running`, any other exception makes it `failed`; both continue with `--resume`. A directory in which
+    nothing was written yet is removed.
+    """
+
+    def __init__(self, manifest: Manifest, path: Path, target: Path, lock: ArtifactLock, resumed: bool) -> None:
+        self.path = path
+        self.resumed = resumed
+        self._manifest = manifest
+        self._target = target
+        self._lock = lock
+
+    def __enter__(self) -> "Build":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> None:
+        try:
+            if self._manifest.status == "running" and error is not None:
+                self._abandon(error)
+        finally:
+            self._lock.release()
+
+    def note_renderer(self, gl_renderer: str) -> None:
+        """Record which OpenGL drew the frames."""
+        recorded = self._manifest.environment.model_copy(update={"gl_renderer": gl_renderer})
+        self._record(environment=recorded)
+
+    def finish(self, summary: dict[str, Any]) -> Manifest:
+        """List and hash the files, record the summary, publish."""
+        self._close("complete", summary)
+        if self.path != self._target:
+            publish(self.path, self._target)
+        return self._manifest
+
+    def fail(self, reason: str, summary: dict[str, Any] | None = None) -> Manifest:
+        """Record that it went wrong; what was written stays and counts."""
+        self._close("failed", {**(summary or {}), "error": reason})
+        return self._manifest
+
+    def _close(self, status: str, summary: dict[str, Any]) -> None:
+        for leftover in self.path.rglob(".*.tmp"):
+            leftover.unlink()
+        self._record(status=status, summary=summary, files=list_files(self.path))
+
+    def _record(self, **changes: object) -> None:
+        self._manifest = self._manifest.model_copy(update=changes)
+        write_manifest(self._manifest, self.path)
+
+    def _abandon(self, error: BaseException) -> None:
+        if self.path != self._target or not self._has_content():
+            shutil.rmtree(self.path)
+        elif isinstance(error, Exception) and not isinstance(error, Interrupted):
+            with suppress(OSError):  # a full disk must not hide the error that is being reported
+                self.fail(str(error) or type(error).__name__)
+
+    def _has_content(self) -> bool:
+        return any(path.name != MANIFEST and path.is_file() for path in self.path.rglob("*"))
+
+
+class Store:
+    """Artifacts under one data root."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def path(self, artifact_id: str) -> Path:
+        """Directory of an artifact, whether or not it exists."""
+        return artifact_path(self.root, artifact_id)
+
+    def existing(self, request: Request, resume: bool) -> Manifest | None:
+        """Manifest of the artifact of this id if the request may go on with it; None when there is none.
+
+        Raises:
+            ConfigError: the name is taken by another config or input, or it was not finished and `resume` is not set.
+            ArtifactError: what is there cannot be read.
+        """
+        path = self.path(request.id)
+        if not path.exists():
+            return None
+        manifest = read_manifest(path, request.id)
+        self._check_same(request, manifest)
+        if manifest.status == "complete":
+            check_present(path, manifest)
+        elif not resume:
+            how = "was interrupted earlier" if manifest.status == "running" else f"failed earlier ({_reason(manifest)})"
+            raise ConfigError(f"{request.id} {how}: add --resume to go on from its last checkpoint, or remove {path}")
+        return manifest
+
+    def _check_same(self, request: Request, manifest: Manifest) -> None:
+        if manifest.config_sha256 != request.config_sha256:
+            changed = ", ".join(differences(manifest.config, request.config)) or "configuration"
+            raise ConfigError(f"{request.id} exists with another config ({changed}): choose another --name")
+        if manifest.inputs != request.inputs and not _replaceable(request.id):
+            before = ", ".join(ref.id for ref in manifest.inputs) or "nothing"
+            raise ConfigError(
+                f"{request.id} was made from other inputs ({before}, as they were then): choose another --name"
+            )
+
+    def begin(self, request: Request, resume: bool) -> Build | Manifest:
+        """Start or continue an artifact; the manifest instead when it is complete already."""
+        lock = ArtifactLock(self.root, request.id)
+        lock.acquire()
+        try:
+            manifest = self.existing(request, resume)
+            if manifest and manifest.status == "complete" and manifest.inputs == request.inputs:
+                lock.release()
+                return manifest
+            return self._build(request, manifest, lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    def _build(self, request: Request, manifest: Manifest | None, lock: ArtifactLock) -> Build:
+        target = self.path(request.id)
+        if manifest and not _replaceable(request.id):
+            running = manifest.model_copy(update={"status": "running", "code": code(), "environment": environment()})
+            write_manifest(running, target)
+            return Build(running, target, target, lock, resumed=True)
+        fresh = _new_manifest(request)
+        path = _prepare(target, fresh)
+        if not _replaceable(request.id):
+            path = path.rename(target)
+        return Build(fresh, path, target, lock, resumed=False)
+
+
+def _replaceable(artifact_id: str) -> bool:
+    """A report is a view of its inputs: built aside, and built anew when there are more of them."""
+    return split_id(artifact_id)[0] == "reports"
+
+
+def _new_manifest(request: Request) -> Manifest:
+    kind, names = split_id(request.id)
+    return Manifest(
+        id=request.id,
+        stage=STAGE_OF[kind],
+        name="/".join(names),
+        status="running",
+        created_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        config=request.config,
+        config_sha256=request.config_sha256,
+        inputs=request.inputs,
+        code=code(),
+        environment=environment(),
+    )
+
+
+def _prepare(target: Path, manifest: Manifest) -> Path:
+    """A directory beside `target`, hidden, that holds the manifest: no artifact is ever seen without one."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for abandoned in target.parent.glob(f".{target.name}.building-*"):
+        shutil.rmtree(abandoned)
+    path = Path(tempfile.mkdtemp(prefix=f".{target.name}.building-", dir=target.parent))
+    path.chmod(0o755)
+    write_manifest(manifest, path)
+    return path
+
+
+def publish(path: Path, target: Path) -> None:
+    """Rename `path` to `target`; what was there before is deleted after."""
+    old = path.with_name(f"{path.name}-old")
+    if target.exists():
+        target.rename(old)
+    path.rename(target)
+    fsync_directory(target.parent)
+    if old.exists():
+        shutil.rmtree(old)
+
+
+def check_present(path: Path, manifest: Manifest) -> None:
+    """ArtifactError when a file of a complete artifact is missing or has another size."""
+    for file in manifest.files:
+        try:
+            size = os.stat(path / file.path).st_size
+        except FileNotFoundError:
+            size = None
+        if size != file.bytes:
+            found = "missing" if size is None else f"{size} bytes instead of {file.bytes}"
+            raise ArtifactError(f"{manifest.id} is damaged: {path / file.path} is {found}; make it again")
+
+
+def _reason(manifest: Manifest) -> str:
+    return str(manifest.summary.get("error", "no reason recorded"))

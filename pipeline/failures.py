@@ -1,0 +1,74 @@
+"""From exceptions to exit codes: one short message on stderr (SPEC §1)."""
+
+import json
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import click
+
+RESUMABLE = ("collect", "train-perception", "train-policy")
+
+
+class Failure(NamedTuple):
+    """How a command ends that did not succeed."""
+
+    exit_code: int
+    kind: str
+    message: str
+
+
+def classify(error: BaseException, arguments: Sequence[str]) -> Failure:
+    """Exit code and message of an exception."""
+    from schemas.errors import PipelineError
+
+    if isinstance(error, (KeyboardInterrupt, click.Abort)):
+        return Failure(130, "Interrupted", _interrupted(arguments))
+    if isinstance(error, click.ClickException):
+        return Failure(2, "UsageError", _usage(error))
+    if isinstance(error, PipelineError):
+        return Failure(error.exit_code, type(error).__name__, str(error))
+    return _unexpected(error)
+
+
+def _interrupted(arguments: Sequence[str]) -> str:
+    command = next((each for each in arguments if not each.startswith("-")), "")
+    if command in RESUMABLE:
+        return "interrupted; what was finished is on disk: the same command with --resume goes on from there"
+    if command == "run":
+        return "interrupted; what was finished is on disk: the same command goes on from there"
+    return "interrupted"
+
+
+def _usage(error: click.ClickException) -> str:
+    context = getattr(error, "ctx", None)
+    hint = f" (see `{context.command_path} --help`)" if context else ""
+    return error.format_message().rstrip(".") + hint
+
+
+def _unexpected(error: BaseException) -> Failure:
+    from pipeline.artifacts.space import is_disk_full
+
+    if is_disk_full(error):
+        where = getattr(error, "filename", None)
+        return Failure(
+            4, "MachineError", f"the disk is full{f' ({where})' if where else ''}: free space, then --resume"
+        )
+    if isinstance(error, PermissionError):
+        return Failure(4, "MachineError", f"permission denied: {error.filename}; choose another place with --data")
+    text = str(error).strip().splitlines()
+    reason = f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
+    return Failure(4, type(error).__name__, f"unexpected {reason} (--debug shows where)")
+
+
+def report(error: BaseException, arguments: Sequence[str]) -> int:
+    """Tell the user; returns the exit code. `--json` also gets an object on stdout, `--debug` a traceback."""
+    failure = classify(error, arguments)
+    if "--debug" in arguments:
+        traceback.print_exception(error, file=sys.stderr)
+    click.echo(f"Error: {failure.message}", err=True)
+    if "--json" in arguments:
+        details = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
+        click.echo(json.dumps({"error": details}))
+    return failure.exit_code

@@ -1,0 +1,145 @@
+"""train-policy → runs/NAME/CELL, one artifact per cell, trained together."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from pipeline.artifacts.space import require_space
+from pipeline.artifacts.store import Build, Request
+from pipeline.machine import require_device, require_gl, require_sim
+from pipeline.matrix import Cell, cells
+from pipeline.steps.session import Did, Outcome, Session
+from schemas.manifest import InputRef, Manifest
+
+if TYPE_CHECKING:
+    from stages.policy.config import RunResult, RunSpec
+
+BYTES_PER_STEP = 400
+"""A row of transitions.parquet, compressed."""
+
+
+class Work(NamedTuple):
+    """A cell that is to be trained now."""
+
+    cell: Cell
+    build: Build
+
+
+def estimator_needed(session: Session) -> bool:
+    """Some cell acts on estimates."""
+    return any(cell.sees for cell in cells(session.config.policy))
+
+
+def requests(session: Session, name: str, estimator: str | None) -> list[tuple[Cell, Request]]:
+    """Every cell of the matrix and the artifact it becomes."""
+    matrix = cells(session.config.policy)
+    inputs = [session.pin(f"estimators/{estimator}")] if any(cell.sees for cell in matrix) else []
+    return [(cell, _request(session, name, cell, estimator, inputs)) for cell in matrix]
+
+
+def _request(session: Session, name: str, cell: Cell, estimator: str | None, inputs: list[InputRef]) -> Request:
+    config = {
+        "world": session.config.world.model_dump(mode="json"),
+        "policy": cell.config.model_dump(mode="json"),
+        "run": cell.identity,
+        "estimator": estimator if cell.sees else None,
+    }
+    return Request(f"runs/{name}/{cell.name}", config, inputs if cell.sees else [])
+
+
+def space_needed(work: Sequence[Work], horizon: int) -> int:
+    """Estimate [bytes] of the logs of the cells to train."""
+    return sum(BYTES_PER_STEP * horizon * _episodes(item.cell) for item in work)
+
+
+def _episodes(cell: Cell) -> int:
+    config = cell.config
+    return config.episodes * (1 + config.eval_episodes // config.eval_every) + config.final_episodes
+
+
+def train_policy(session: Session, name: str, estimator: str | None) -> list[Outcome]:
+    """Train the cells that are not complete; a cell that fails does not stop the others."""
+    asked = requests(session, name, estimator)
+    for _, request in asked:
+        session.store.existing(request, session.resume)  # refuse before any cell is begun
+    outcomes: dict[str, Outcome] = {}
+    with ExitStack() as stack:
+        work: list[Work] = []
+        for cell, request in asked:
+            begun = session.store.begin(request, session.resume)
+            if isinstance(begun, Manifest):
+                outcomes[request.id] = _outcome(session, request.id, "nothing", begun, 0.0)
+            else:
+                work.append(Work(cell, stack.enter_context(begun)))
+        if work:
+            outcomes |= _train(session, name, work, estimator)
+    return [outcomes[request.id] for _, request in asked]
+
+
+def _train(session: Session, name: str, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
+    """Cells that see, then oracles: these need neither camera nor estimator, so they are spared both."""
+    _prepare(session, work)
+    seeing, oracles = ([item for item in work if item.cell.sees is sees] for sees in (True, False))
+    path = session.store.path(f"estimators/{estimator}") if seeing else None
+    done = [*_train_together(session, name, seeing, path), *_train_together(session, name, oracles, None)]
+    return {outcome.id: outcome for outcome in done}
+
+
+def _train_together(session: Session, name: str, work: list[Work], estimator: Path | None) -> list[Outcome]:
+    from stages.policy.train import Resources, run
+
+    if not work:
+        return []
+    started = time.monotonic()
+    matrix = session.config.policy
+    results = run(
+        [_spec(session, name, item) for item in work],
+        estimator,
+        resources=Resources(matrix.device, matrix.workers, matrix.threads),
+        progress=session.progress,
+    )
+    seconds = time.monotonic() - started
+    return [_finish(session, item, result, seconds) for item, result in zip(work, results, strict=True)]
+
+
+def _prepare(session: Session, work: list[Work]) -> None:
+    """Check GPU, GL and disk before hours of work."""
+    require_device(session.config.policy.device)
+    require_space(session.root, space_needed(work, session.config.world.horizon))
+    renderer = require_gl() if any(item.cell.sees for item in work) else None
+    require_sim()
+    for item in work:
+        if renderer and item.cell.sees:
+            item.build.note_renderer(renderer)
+
+
+def _spec(session: Session, name: str, item: Work) -> "RunSpec":
+    from stages.policy.config import RunSpec
+
+    cell = item.cell
+    return RunSpec(
+        run_id=f"{name}/{cell.name}",
+        task=cell.task,
+        scheme=cell.scheme,
+        misalignment_kind=cell.misalignment_kind,
+        misalignment_deg=cell.misalignment_deg,
+        seed=cell.seed,
+        world=session.config.world,
+        config=cell.config,
+        out=item.build.path,
+    )
+
+
+def _finish(session: Session, item: Work, result: "RunResult", seconds: float) -> Outcome:
+    """Close the cell's manifest by how its run ended."""
+    if result.status == "failed":
+        manifest = item.build.fail(result.error or "no reason given", result.summary)
+        return _outcome(session, manifest.id, "failed", manifest, seconds)
+    manifest = item.build.finish(result.summary)
+    return _outcome(session, manifest.id, "resumed" if item.build.resumed else "made", manifest, seconds)
+
+
+def _outcome(session: Session, artifact_id: str, did: Did, manifest: Manifest, seconds: float) -> Outcome:
+    return Outcome(artifact_id, session.store.path(artifact_id), did, manifest.summary, seconds)

@@ -1,0 +1,83 @@
+"""The real commands on a data root of the test's own, over fake stages where a test asks for them."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from pipeline.artifacts.store import Build, Request, Store
+from pipeline.cli import cli
+from tests.pipeline.fakes import Run, Stages
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Call the command line on an empty data root of the test's own."""
+    return lambda *arguments: CliRunner().invoke(cli, [*map(str, arguments), "--data", str(tmp_path / "data")])
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """The data root that `run` uses."""
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def store(data: Path) -> Store:
+    """Artifacts under that root."""
+    return Store(data)
+
+
+def _module(name: str, **members: Any) -> ModuleType:
+    module = ModuleType(name)
+    vars(module).update(members)
+    return module
+
+
+@pytest.fixture
+def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
+    """Put fakes where the commands import the stages from."""
+    fake = Stages()
+    modules = [
+        _module("stages.collect.run", run=fake.collect),
+        _module("stages.collect.rerender", make_rerender=lambda dataset: "rerender"),
+        _module("stages.perception.training", run=fake.perception),
+        _module("stages.policy.train", run=fake.policy, Resources=lambda *resources: resources),
+        _module("stages.analyze.run", run=fake.analyze),
+        _module("pipeline.recordings", record_episode=lambda root: "record"),
+        _module("pipeline.camera_views", write_camera_views=lambda *given: None),
+    ]
+    for module in modules:
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr("stages.sim.gl.gl_renderer", fake.gl_renderer)
+    return fake
+
+
+@pytest.fixture
+def dataset(store: Store) -> Path:
+    """A complete dataset `small` with one Parquet and one MCAP file."""
+    begun = store.begin(Request("datasets/small", {"collect": {"episodes": 1}}), resume=False)
+    assert isinstance(begun, Build)
+    with begun as build:
+        (build.path / "frames.parquet").write_bytes(b"parquet")
+        (build.path / "episodes").mkdir()
+        (build.path / "episodes" / "episode-000000.mcap").write_bytes(b"mcap")
+        build.finish({"episodes": 1})
+    return store.path("datasets/small")
+
+
+def edit_manifest(directory: Path, **changes: Any) -> None:
+    """Change fields of a manifest on disk."""
+    path = directory / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+@pytest.fixture
+def edit() -> Callable[..., None]:
+    """Changes fields of a manifest on disk."""
+    return edit_manifest

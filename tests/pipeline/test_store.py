@@ -1,0 +1,185 @@
+"""The life of an artifact: made, asked for again, interrupted, failed, replaced."""
+
+import errno
+import os
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from pipeline.artifacts import space
+from pipeline.artifacts.inputs import load_complete
+from pipeline.artifacts.lock import is_held
+from pipeline.artifacts.manifests import config_sha256, differences, file_sha256, read_manifest
+from pipeline.artifacts.names import check_name, existing_ids
+from pipeline.artifacts.store import Request, Store
+from schemas.errors import ArtifactError, ConfigError, Interrupted, MachineError
+from schemas.manifest import InputRef, Manifest
+from tests.pipeline.fakes import begin
+
+ASKED = Request("datasets/small", {"collect": {"episodes": 1}})
+OTHER = Request("datasets/small", {"collect": {"episodes": 2}})
+REPORT = Request("reports/small", {"analyze": {"seed": 0}})
+
+
+def interrupt(store: Store, request: Request, error: BaseException) -> None:
+    """Write one file, then stop with `error`."""
+    with pytest.raises(type(error)), begin(store, request) as build:
+        (build.path / "half").write_text("half")
+        raise error
+
+
+@pytest.mark.parametrize("name", ["a", "Demo-2", "a.b_c", "0"])
+def test_good_names(name: str) -> None:
+    assert check_name(name) == name
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "..", "a..b", "a/b", "../a", "a b", "-a", "é", "a\n", "x" * 101])
+def test_bad_names(name: str) -> None:
+    with pytest.raises(ConfigError, match="cannot be used"):
+        check_name(name)
+
+
+def test_ids_name_a_kind_and_the_right_number_of_names(store: Store) -> None:
+    assert store.path("runs/a/b") == store.root / "runs" / "a" / "b"
+    for wrong, message in [
+        ("runs/a", "runs/NAME/CELL"),
+        ("datasets/a/b", "datasets/NAME"),
+        ("models/a", "valid: data"),
+    ]:
+        with pytest.raises(ConfigError, match=message):
+            store.path(wrong)
+
+
+def test_complete_artifact(store: Store, dataset: Path) -> None:
+    manifest = load_complete(store.root, "datasets/small", deep=True)
+    assert (manifest.status, manifest.stage, manifest.name) == ("complete", "collect", "small")
+    assert [(file.path, file.bytes) for file in manifest.files] == [
+        ("episodes/episode-000000.mcap", 4),
+        ("frames.parquet", 7),
+    ]
+    assert manifest.files[1].sha256 == file_sha256(dataset / "frames.parquet")
+    assert manifest.summary == {"episodes": 1}
+    assert manifest.config_sha256 == config_sha256({"collect": {"episodes": 1}})
+    assert manifest.environment.packages["mujoco"] == version("mujoco")
+
+
+def test_asking_again_is_a_no_op(store: Store, dataset: Path) -> None:
+    before = (dataset / "manifest.json").read_bytes()
+    again = store.begin(ASKED, resume=False)
+    assert isinstance(again, Manifest)
+    assert again.status == "complete"
+    assert (dataset / "manifest.json").read_bytes() == before
+
+
+def test_no_op_says_when_a_file_is_gone(store: Store, dataset: Path) -> None:
+    (dataset / "frames.parquet").unlink()
+    with pytest.raises(ArtifactError, match=r"damaged: .*frames.parquet is missing"):
+        store.begin(ASKED, resume=False)
+
+
+def test_another_config_under_the_same_name(store: Store, dataset: Path) -> None:
+    with pytest.raises(ConfigError, match=r"another config \(collect.episodes: 1 → 2\): choose another --name"):
+        store.begin(OTHER, resume=True)
+    assert read_manifest(dataset, "datasets/small").status == "complete"
+
+
+def test_other_inputs_under_the_same_name(store: Store, dataset: Path) -> None:
+    with pytest.raises(ConfigError, match="made from other inputs"):
+        store.begin(Request(ASKED.id, ASKED.config, [InputRef(id="runs/a/b", manifest_sha256="0")]), resume=False)
+
+
+def test_number_of_workers_is_no_difference(store: Store) -> None:
+    few, many = ({"collect": {"seed": 0, "workers": workers}} for workers in (1, 8))
+    assert config_sha256(few) == config_sha256(many)
+    assert differences(few, many) == []
+    assert differences(few, {"collect": {"seed": 1}}) == ["collect.seed: 0 → 1"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted("stop")])
+def test_interrupted_needs_resume(store: Store, error: BaseException) -> None:
+    interrupt(store, ASKED, error)
+    assert read_manifest(store.path(ASKED.id), ASKED.id).status == "running"
+    with pytest.raises(ConfigError, match="interrupted earlier: add --resume"):
+        store.begin(ASKED, resume=False)
+    with begin(store, ASKED, resume=True) as build:
+        assert build.resumed
+        assert (build.path / "half").read_text() == "half"
+        build.finish({})
+    assert load_complete(store.root, ASKED.id).files[0].path == "half"
+
+
+def test_interrupted_with_another_config_is_not_resumed(store: Store) -> None:
+    interrupt(store, ASKED, KeyboardInterrupt())
+    with pytest.raises(ConfigError, match="collect.episodes: 1 → 2"):
+        store.begin(OTHER, resume=True)
+
+
+def test_an_error_is_recorded_and_can_be_resumed(store: Store) -> None:
+    interrupt(store, ASKED, MachineError("NaN at step 7"))
+    manifest = read_manifest(store.path(ASKED.id), ASKED.id)
+    assert (manifest.status, manifest.summary) == ("failed", {"error": "NaN at step 7"})
+    with pytest.raises(ConfigError, match=r"failed earlier \(NaN at step 7\): add --resume"):
+        store.begin(ASKED, resume=False)
+    with begin(store, ASKED, resume=True) as build:
+        build.finish({"episodes": 1})
+    assert load_complete(store.root, ASKED.id).summary == {"episodes": 1}
+
+
+def test_nothing_is_left_of_an_artifact_that_never_began(store: Store) -> None:
+    with pytest.raises(MachineError), begin(store, ASKED):
+        raise MachineError("no GL")
+    assert not store.path(ASKED.id).exists()
+    assert not is_held(store.root, ASKED.id)
+
+
+def test_leftover_temporary_files_are_no_part_of_it(store: Store) -> None:
+    with begin(store, ASKED) as build:
+        (build.path / ".frames.parquet.tmp").write_bytes(b"half")
+        (build.path / "frames.parquet").write_bytes(b"whole")
+        assert [file.path for file in build.finish({}).files] == ["frames.parquet"]
+        assert not (build.path / ".frames.parquet.tmp").exists()
+
+
+def test_a_full_disk_leaves_the_last_manifest(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"), begin(store, ASKED) as build:
+        (build.path / "half").write_text("half")
+        monkeypatch.setattr(os, "fsync", full)
+        build.finish({})
+    assert read_manifest(store.path(ASKED.id), ASKED.id).status == "running"
+
+
+def test_space() -> None:
+    space.require_space(Path("/"), 1)
+    with pytest.raises(MachineError, match="GB free, about 1000000000.0 GB are needed"):
+        space.require_space(Path("/not/there/yet"), 10**18)
+    assert space.is_disk_full(OSError(errno.ENOSPC, "full"))
+    assert space.is_disk_full(RuntimeError("write failed: No space left on device"))
+    assert not space.is_disk_full(OSError(errno.EACCES, "denied"))
+
+
+def test_a_report_is_absent_until_it_is_complete(store: Store) -> None:
+    with begin(store, REPORT) as build:
+        (build.path / "report.html").write_text("<html>")
+        assert not store.path(REPORT.id).exists()
+        assert existing_ids(store.root, "reports") == []
+        build.finish({})
+    assert existing_ids(store.root, "reports") == ["reports/small"]
+    assert [path.name for path in (store.root / "reports").iterdir()] == ["small"]
+
+
+def test_an_interrupted_report_leaves_nothing(store: Store) -> None:
+    interrupt(store, REPORT, KeyboardInterrupt())
+    assert list((store.root / "reports").iterdir()) == []
+
+
+def test_a_report_whose_inputs_changed_is_replaced_whole(store: Store) -> None:
+    for text, inputs in [("old", []), ("new", [InputRef(id="runs/a/b", manifest_sha256="0")])]:
+        with begin(store, Request(REPORT.id, REPORT.config, inputs)) as build:
+            (build.path / text).write_text(text)
+            build.finish({})
+    assert sorted(path.name for path in store.path(REPORT.id).iterdir()) == ["manifest.json", "new"]
+    assert [path.name for path in (store.root / "reports").iterdir()] == ["small"]
