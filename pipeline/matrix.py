@@ -21,11 +21,6 @@ class Cell(NamedTuple):
     config: RunConfig
 
     @property
-    def sees(self) -> bool:
-        """It acts on estimates; the oracle acts on the truth."""
-        return self.scheme != "oracle"
-
-    @property
     def identity(self) -> dict[str, str | float | int]:
         """What tells the cell from its neighbours."""
         return {

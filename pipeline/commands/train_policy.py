@@ -15,7 +15,7 @@ Example:
 )
 @stage_options
 @click.option(
-    "--estimator", metavar="NAME", help="Estimator in the loop; the oracle needs none.  [default: the same name]"
+    "--estimator", metavar="NAME", help="Estimator in the loop; oracles alone need none.  [default: the same name]"
 )
 def train_policy(options: StageOptions, estimator: str | None) -> None:
     """Train a run or a matrix of runs, logging every transition.
@@ -30,7 +30,8 @@ def train_policy(options: StageOptions, estimator: str | None) -> None:
     from schemas.errors import MachineError
 
     work = session(options)
-    source = check_name((estimator or options.artifact_name).removeprefix("estimators/"))
+    wanted = estimator or (options.artifact_name if step.estimator_needed(work) else None)
+    source = check_name(wanted.removeprefix("estimators/")) if wanted else None
     if options.dry_run:
         asked = step.requests(work, options.artifact_name, source)
         show_plan(options, "train-policy", [planned(work, request) for _, request in asked])

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from pipeline.artifacts.space import require_space
@@ -28,15 +27,17 @@ class Work(NamedTuple):
 
 
 def estimator_needed(session: Session) -> bool:
-    """Some cell acts on estimates."""
-    return any(cell.sees for cell in cells(session.config.policy))
+    """Some cell acts on estimates; the oracle acts on the truth."""
+    return any(cell.scheme != "oracle" for cell in cells(session.config.policy))
 
 
 def requests(session: Session, name: str, estimator: str | None) -> list[tuple[Cell, Request]]:
-    """Every cell of the matrix and the artifact it becomes."""
-    matrix = cells(session.config.policy)
-    inputs = [session.pin(f"estimators/{estimator}")] if any(cell.sees for cell in matrix) else []
-    return [(cell, _request(session, name, cell, estimator, inputs)) for cell in matrix]
+    """Every cell of the matrix and the artifact it becomes.
+
+    With an estimator all cells use it: an oracle does not act on it, but logs what it would have been told.
+    """
+    inputs = [session.pin(f"estimators/{estimator}")] if estimator else []
+    return [(cell, _request(session, name, cell, estimator, inputs)) for cell in cells(session.config.policy)]
 
 
 def _request(session: Session, name: str, cell: Cell, estimator: str | None, inputs: list[InputRef]) -> Request:
@@ -44,9 +45,9 @@ def _request(session: Session, name: str, cell: Cell, estimator: str | None, inp
         "world": session.config.world.model_dump(mode="json"),
         "policy": cell.config.model_dump(mode="json"),
         "run": cell.identity,
-        "estimator": estimator if cell.sees else None,
+        "estimator": estimator,
     }
-    return Request(f"runs/{name}/{cell.name}", config, inputs if cell.sees else [])
+    return Request(f"runs/{name}/{cell.name}", config, inputs)
 
 
 def space_needed(work: Sequence[Work], horizon: int) -> int:
@@ -79,39 +80,30 @@ def train_policy(session: Session, name: str, estimator: str | None) -> list[Out
 
 
 def _train(session: Session, name: str, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
-    """Cells that see, then oracles: these need neither camera nor estimator, so they are spared both."""
-    _prepare(session, work)
-    seeing, oracles = ([item for item in work if item.cell.sees is sees] for sees in (True, False))
-    path = session.store.path(f"estimators/{estimator}") if seeing else None
-    done = [*_train_together(session, name, seeing, path), *_train_together(session, name, oracles, None)]
-    return {outcome.id: outcome for outcome in done}
-
-
-def _train_together(session: Session, name: str, work: list[Work], estimator: Path | None) -> list[Outcome]:
     from stages.policy.train import Resources, run
 
-    if not work:
-        return []
+    _prepare(session, work, estimator is not None)
     started = time.monotonic()
     matrix = session.config.policy
     results = run(
         [_spec(session, name, item) for item in work],
-        estimator,
+        session.store.path(f"estimators/{estimator}") if estimator else None,
         resources=Resources(matrix.device, matrix.workers, matrix.threads),
         progress=session.progress,
     )
     seconds = time.monotonic() - started
-    return [_finish(session, item, result, seconds) for item, result in zip(work, results, strict=True)]
+    done = [_finish(session, item, result, seconds) for item, result in zip(work, results, strict=True)]
+    return {outcome.id: outcome for outcome in done}
 
 
-def _prepare(session: Session, work: list[Work]) -> None:
+def _prepare(session: Session, work: list[Work], renders: bool) -> None:
     """Check GPU, GL and disk before hours of work."""
     require_device(session.config.policy.device)
     require_space(session.root, space_needed(work, session.config.world.horizon))
-    renderer = require_gl() if any(item.cell.sees for item in work) else None
     require_sim()
-    for item in work:
-        if renderer and item.cell.sees:
+    if renders:
+        renderer = require_gl()
+        for item in work:
             item.build.note_renderer(renderer)
 
 

@@ -1,10 +1,13 @@
 """Episodes in this process or in several; the results are the same, in whichever order they come."""
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 
 from schemas.errors import MachineError
 from stages.collect.collector import Collector
@@ -59,7 +62,16 @@ def _in_processes(
 def _start_worker(make: CollectorFactory) -> None:
     global _collector
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _collector = make()
+
+
+def _end_with_parent() -> None:
+    """A killed parent sends no word: without this its idle workers would stay for good."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _collect(plan: EpisodePlan) -> EpisodeResult:

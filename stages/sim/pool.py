@@ -215,19 +215,23 @@ def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, 
     try:
         group = _Group(config, task, view, shared.arrays().rows(rows))
     except PipelineError as error:
-        pipe.recv()
-        pipe.send((error, None))
-        return None
+        pipe.send((error, None))  # the answer to the first question, whatever it is
+        return
     while True:
         try:
             method, arguments = pipe.recv()
-        except EOFError:
-            return group.close()
-        try:
-            result = None if method == "ready" else getattr(group, method)(*arguments)
-            pipe.send((None, result))
-        except PipelineError as error:
-            pipe.send((error, None))
+            pipe.send(_answer(group, method, arguments))
+        except (EOFError, OSError):  # the parent closed the pipe, or is gone
+            group.close()
+            return
+
+
+def _answer(group: _Group, method: str, arguments: tuple[Any, ...]) -> tuple[PipelineError | None, Any]:
+    """(failure, result), of which one is None."""
+    try:
+        return None, None if method == "ready" else getattr(group, method)(*arguments)
+    except PipelineError as error:
+        return error, None
 
 
 @dataclass(frozen=True)

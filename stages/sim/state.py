@@ -11,7 +11,7 @@ from schemas.errors import ArtifactError
 _STATE_SPEC = int(mujoco.mjtState.mjSTATE_FULLPHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART)
 
 # By default MuJoCo writes warnings into MUJOCO_LOG.TXT of the working directory; they are read from MjData instead.
-mujoco.set_mju_user_warning(lambda message: None)
+mujoco.set_mju_user_warning(lambda _: None)
 
 _BAD = [mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC]
 

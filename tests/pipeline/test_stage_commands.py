@@ -109,8 +109,8 @@ def test_train_policy_makes_a_run_of_every_cell(run: Run, stages: Stages, store:
     assert [cell["id"] for cell in made["cells"]] == [DENSE, ORACLE]
     dense, oracle = (load_complete(store.root, each) for each in (DENSE, ORACLE))
     assert [ref.id for ref in dense.inputs] == ["estimators/default"]
-    assert oracle.inputs == []
-    assert (dense.config["estimator"], oracle.config["estimator"]) == ("default", None)
+    assert oracle.inputs == dense.inputs, "the oracle logs what it would have been told"
+    assert (dense.config["estimator"], oracle.config["estimator"]) == ("default", "default")
     assert dense.config["run"] == {
         "task": "reach",
         "scheme": "dense",
@@ -120,12 +120,13 @@ def test_train_policy_makes_a_run_of_every_cell(run: Run, stages: Stages, store:
     }
     assert set(dense.config) == {"world", "policy", "run", "estimator"}
     assert "workers" not in dense.config["policy"]
-    assert (dense.environment.gl_renderer, oracle.environment.gl_renderer) == ("test renderer", None)
-    seeing, blind = stages.calls_of("train-policy")
-    assert [(spec.run_id, spec.out) for spec in seeing["specs"]] == [(DENSE.removeprefix("runs/"), store.path(DENSE))]
-    assert (seeing["estimator"], blind["estimator"]) == (store.path("estimators/default"), None)
-    assert [spec.scheme for spec in blind["specs"]] == ["oracle"]
-    assert seeing["resources"] == ("cpu", 1, 1)
+    assert dense.environment.gl_renderer == oracle.environment.gl_renderer == "test renderer"
+    [call] = stages.calls_of("train-policy")
+    assert [(f"runs/{spec.run_id}", spec.out) for spec in call["specs"]] == [
+        (cell, store.path(cell)) for cell in (DENSE, ORACLE)
+    ]
+    assert call["estimator"] == store.path("estimators/default")
+    assert call["resources"] == ("cpu", 1, 1)
 
 
 def test_an_oracle_needs_no_estimator(run: Run, stages: Stages) -> None:
