@@ -11,25 +11,29 @@ import torch
 from torch import Tensor
 
 
+ALIGNMENT = 16  # float32 numbers, 64 bytes: a cache line, and the widest vector register
+
+
 class StackedMLP:
     """ReLU layers of the given sizes; pure functions of flat parameters."""
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
         self.sizes = sizes
         self.shapes = [shape for i, o in pairwise(sizes) for shape in ((i, o), (1, o))]
-        self.parameters = sum(a * b for a, b in self.shapes)
+        self._sizes = [a * b for a, b in self.shapes]
+        # Rows begin at equal alignments, or the same product rounds differently from run to run.
+        self._padding = -sum(self._sizes) % ALIGNMENT
+        self.parameters = sum(self._sizes) + self._padding
 
     def initial(self, rng: np.random.Generator) -> Tensor:
         """Parameters (parameters,) of one network, uniform in ±1/√inputs as torch.nn.Linear draws them."""
         draws = [rng.uniform(-(i**-0.5), i**-0.5, i * o + o) for i, o in pairwise(self.sizes)]
-        return torch.from_numpy(np.concatenate(draws).astype(np.float32))
+        return torch.from_numpy(np.concatenate([*draws, np.zeros(self._padding)]).astype(np.float32))
 
     def forward(self, flat: Tensor, inputs: Tensor) -> Tensor:
         """Networks (n, parameters) applied to inputs (n, batch, in) → (n, batch, out)."""
-        pieces = [
-            piece.view(-1, *shape)
-            for piece, shape in zip(flat.split([a * b for a, b in self.shapes], dim=1), self.shapes, strict=True)
-        ]
+        *flats, _ = flat.split([*self._sizes, self._padding], dim=1)
+        pieces = [piece.view(-1, *shape) for piece, shape in zip(flats, self.shapes, strict=True)]
         hidden = inputs
         for layer in range(0, len(pieces), 2):
             hidden = torch.baddbmm(pieces[layer + 1], hidden, pieces[layer])
@@ -39,7 +43,7 @@ class StackedMLP:
 
     def named(self, flat: Tensor) -> dict[str, Tensor]:
         """One network's parameters (parameters,) by layer: `0.weight` (in, out), `0.bias` (out,), …"""
-        pieces = flat.split([a * b for a, b in self.shapes])
+        *pieces, _ = flat.split([*self._sizes, self._padding])
         names = [f"{layer}.{kind}" for layer in range(len(self.sizes) - 1) for kind in ("weight", "bias")]
         return {
             name: piece.view(shape if name.endswith("weight") else shape[1]).clone()
