@@ -116,10 +116,10 @@ def test_until_the_switch_dense2sparse_is_dense(root: Path) -> None:
 
 def test_the_estimate_is_logged_beside_the_truth(root: Path) -> None:
     """For every scheme, the oracle's too; the error is the distance between the two."""
-    sql = """SELECT count(*) FILTER (cube_est_x IS NULL), max(abs(estimation_error - sqrt(pow(cube_est_x - cube_true_x, 2)
-             + pow(cube_est_y - cube_true_y, 2) + pow(cube_est_z - cube_true_z, 2)))), avg(estimation_error)
-             FROM transitions"""
-    [(missing, difference, mean)] = _query(root, sql)
+    sql = """SELECT count(*) FILTER (cube_est_x IS NULL), avg(estimation_error), max(abs(estimation_error -
+             sqrt(pow(cube_est_x - cube_true_x, 2) + pow(cube_est_y - cube_true_y, 2)
+             + pow(cube_est_z - cube_true_z, 2)))) FROM transitions"""
+    [(missing, mean, difference)] = _query(root, sql)
     assert missing == 0 and difference < 1e-6 and mean > 0.001
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-
 ALIGNMENT = 16  # float32 numbers, 64 bytes: a cache line, and the widest vector register
 
 

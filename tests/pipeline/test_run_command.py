@@ -30,7 +30,7 @@ def test_run_does_only_what_is_missing(run: Run, stages: Stages) -> None:
 
 def _same_as_defaults() -> list[str]:
     """The demo's collection settings, back at the defaults that `collect` was called with."""
-    return ["--set", "collect.keep_fraction=0.25", "--set", "camera.image_size=64"]
+    return ["--set", "collect.keep_fraction=0.25", "--set", "world.cube_half_range=0.15"]
 
 
 def test_run_goes_on_after_an_interruption(run: Run, stages: Stages) -> None:
