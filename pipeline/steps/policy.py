@@ -80,20 +80,26 @@ def train_policy(session: Session, name: str, estimator: str | None) -> list[Out
 
 
 def _train(session: Session, name: str, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
-    from stages.policy.train import Resources, run
-
     _prepare(session, work, estimator is not None)
+    from stages.policy.train import Resources, run  # loads MuJoCo, which must not fail before the checks say why
+
     started = time.monotonic()
     matrix = session.config.policy
-    results = run(
+    items = {f"{name}/{item.cell.name}": item for item in work}
+    done: dict[str, Outcome] = {}
+
+    def finished(result: "RunResult") -> None:
+        outcome = _finish(session, items[result.run_id], result, time.monotonic() - started)
+        done[outcome.id] = outcome
+
+    run(
         [_spec(session, name, item) for item in work],
         session.store.path(f"estimators/{estimator}") if estimator else None,
         resources=Resources(matrix.device, matrix.workers, matrix.threads),
+        finished=finished,
         progress=session.progress,
     )
-    seconds = time.monotonic() - started
-    done = [_finish(session, item, result, seconds) for item, result in zip(work, results, strict=True)]
-    return {outcome.id: outcome for outcome in done}
+    return done
 
 
 def _prepare(session: Session, work: list[Work], renders: bool) -> None:

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
@@ -79,7 +80,10 @@ def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
 
 
 def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) -> None:
-    """Keep the finished run's networks under standard names, and drop the checkpoints."""
+    """Keep the finished run's networks under standard names, and drop the checkpoints.
+
+    `description` is written last before they go: where it is, the run has ended (see `published`).
+    """
     width = td3.critic_net.parameters
     networks = {
         "actor": td3.actor_net.named(td3.actor[row]),
@@ -93,6 +97,14 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
     for position in available(out):
         shutil.rmtree(directory / position.name)
+
+
+def published(out: Path) -> dict[str, Any] | None:
+    """Summary of a run that ended, or None: it may have been killed before its manifest said so."""
+    try:
+        return json.loads((out / "checkpoints" / "policy.json").read_bytes())["summary"]
+    except (OSError, ValueError, KeyError):
+        return None
 
 
 def _tensors(td3: TD3) -> dict[str, Tensor]:

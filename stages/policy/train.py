@@ -1,6 +1,6 @@
 """Train a list of runs: group those that can step in lockstep, resume them, train, evaluate, keep the policy."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,21 +36,37 @@ class Resources:
 
 
 def run(
-    specs: Sequence[RunSpec], estimator: Path | None, *, resources: Resources, progress: Progress
-) -> list[RunResult]:
+    specs: Sequence[RunSpec],
+    estimator: Path | None,
+    *,
+    resources: Resources,
+    finished: Callable[[RunResult], None],
+    progress: Progress,
+) -> None:
     """Train every run, those of one task and configuration together, from their last checkpoints.
+
+    Each run's result goes to `finished` as soon as its group has ended: an interruption later does not touch it.
 
     Raises:
         ConfigError: a scheme needs an estimator and there is none.
-        MachineError: no GPU where one was asked for, no OpenGL, a worker died, or every run of a group failed.
+        MachineError: no GPU where one was asked for, no OpenGL, or a worker died.
     """
     if estimator is None and any(spec.scheme != "oracle" for spec in specs):
         raise ConfigError("only the oracle needs no estimator: name one with --estimator")
     if resources.device == "cuda" and not torch.cuda.is_available():
         raise MachineError("device = cuda, but torch finds no GPU; set policy.device=cpu")
     torch.set_num_threads(resources.threads)
-    loaded = Estimator.load(estimator, device=resources.device) if estimator else None
-    return [result for group in groups(specs) for result in _train_group(group, loaded, resources, progress)]
+    missing = []
+    for spec in specs:
+        summary = checkpoint.published(spec.out)
+        if summary is None:
+            missing.append(spec)
+        else:
+            finished(RunResult(spec.run_id, "complete", summary))
+    loaded = Estimator.load(estimator, device=resources.device) if estimator and missing else None
+    for group in groups(missing):
+        for result in _train_group(group, loaded, resources, progress):
+            finished(result)
 
 
 def groups(specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
@@ -141,9 +157,11 @@ class Schedule:
         done = position.episodes + evaluated + position.final
         with progress.task(f"{self._group[0].task}, {len(self._group)} runs", total, done) as task:
             for episode in range(position.episodes, config.episodes):
-                self._train(episode, task)
+                if self._lockstep.alive:
+                    self._train(episode, task)
             for final in range(position.final, config.final_episodes, config.checkpoint_every):
-                self._final(final, task)
+                if self._lockstep.alive:
+                    self._final(final, task)
 
     def _train(self, episode: int, task: Task) -> None:
         config, done = self._config, episode + 1
@@ -181,6 +199,7 @@ def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
         "hidden": list(spec.config.td3.hidden),
         "observation_dim": td3.actor_net.sizes[0],
         "action_dim": td3.actor_net.sizes[-1],
+        "summary": summary,
     }
     checkpoint.publish(spec.out, td3, row, description)
     return RunResult(spec.run_id, "complete", summary)

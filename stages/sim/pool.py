@@ -2,7 +2,8 @@
 
 import multiprocessing
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
@@ -12,7 +13,7 @@ import numpy as np
 from schemas.errors import MachineError, PipelineError
 from stages.sim.camera import CameraPose
 from stages.sim.config import WorldConfig
-from stages.sim.state import STATE_DTYPE
+from stages.sim.shared import Arrays, Shared, allocate
 
 
 @dataclass(frozen=True)
@@ -50,24 +51,10 @@ class Worlds(Protocol):
         """End the workers and free what they hold."""
 
 
-@dataclass(frozen=True)
-class _Arrays:
-    """Shared between the parent and its workers; each world has its row."""
-
-    states: np.ndarray
-    frames: np.ndarray | None
-    actions: np.ndarray
-    active: np.ndarray
-
-    def rows(self, rows: slice) -> "_Arrays":
-        frames = None if self.frames is None else self.frames[rows]
-        return _Arrays(self.states[rows], frames, self.actions[rows], self.active[rows])
-
-
 class _Group:
     """Worlds of one process, with one renderer."""
 
-    def __init__(self, config: WorldConfig, task: str, view: View | None, arrays: _Arrays) -> None:
+    def __init__(self, config: WorldConfig, task: str, view: View | None, arrays: Arrays) -> None:
         from stages.sim.renderer import Renderer  # here: a parent whose workers simulate needs no OpenGL
         from stages.sim.scene import build_scene
         from stages.sim.world import World
@@ -112,7 +99,7 @@ class WorldPool:
 
     def __init__(self, config: WorldConfig, task: str, worlds: int, view: View | None, workers: int) -> None:
         self.action_dim = 8 if task == "lift" else 7
-        self._arrays, shared = _allocate(worlds, view.image_size if view else None, self.action_dim)
+        self._arrays, shared = allocate(worlds, view.image_size if view else None, self.action_dim)
         self.states, self.frames = self._arrays.states, self._arrays.frames
         self._arrays.active[:] = True
         shares = [share for share in np.array_split(np.arange(worlds), max(1, workers)) if len(share)]
@@ -124,7 +111,11 @@ class WorldPool:
                 self._hands.append(_Remote(config, task, part, shared, rows))
             else:
                 self._hands.append(_Local(_Group(config, task, part, self._arrays.rows(rows))))
-        self._all("ready")
+        try:
+            self._all("ready")
+        except BaseException:
+            self.close()
+            raise
 
     def reset(self, entropies: Sequence[Sequence[int]]) -> None:
         for hand, rows in zip(self._hands, self._slices, strict=True):
@@ -175,12 +166,13 @@ class _Local:
 class _Remote:
     """A group in a worker process, asked through a pipe."""
 
-    def __init__(self, config: WorldConfig, task: str, view: View | None, shared: "_Shared", rows: slice) -> None:
+    def __init__(self, config: WorldConfig, task: str, view: View | None, shared: Shared, rows: slice) -> None:
         context = multiprocessing.get_context("spawn")  # a forked OpenGL or torch state is undefined
         self._pipe, theirs = context.Pipe()
         arguments = (theirs, config, task, view, shared, rows)
         self._process = context.Process(target=_serve, args=arguments, daemon=True, name=f"worlds-{rows.start}")
-        self._process.start()
+        with interrupts_ignored():
+            self._process.start()
         theirs.close()
 
     def send(self, method: str, *arguments: Any) -> None:
@@ -210,8 +202,17 @@ class _Remote:
         return MachineError(f"a simulation worker died (exit code {code}); what was finished is on disk: use --resume")
 
 
-def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, shared: "_Shared", rows: slice) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole terminal; the parent decides
+@contextmanager
+def interrupts_ignored() -> Iterator[None]:
+    """A process started here ignores Ctrl-C from its first moment: the parent decides what an interruption means."""
+    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, shared: Shared, rows: slice) -> None:
     try:
         group = _Group(config, task, view, shared.arrays().rows(rows))
     except PipelineError as error:
@@ -232,36 +233,3 @@ def _answer(group: _Group, method: str, arguments: tuple[Any, ...]) -> tuple[Pip
         return None, None if method == "ready" else getattr(group, method)(*arguments)
     except PipelineError as error:
         return error, None
-
-
-@dataclass(frozen=True)
-class _Shared:
-    """Raw shared memory and how to see it as arrays."""
-
-    worlds: int
-    image_size: int | None
-    action_dim: int
-    states: Any
-    frames: Any
-    actions: Any
-    active: Any
-
-    def arrays(self) -> _Arrays:
-        n, size = self.worlds, self.image_size
-        frames = None if size is None else np.frombuffer(self.frames, np.uint8).reshape(n, size, size, 3)
-        return _Arrays(
-            states=np.frombuffer(self.states, STATE_DTYPE),
-            frames=frames,
-            actions=np.frombuffer(self.actions, np.float32).reshape(n, self.action_dim),
-            active=np.frombuffer(self.active, np.bool_),
-        )
-
-
-def _allocate(worlds: int, image_size: int | None, action_dim: int) -> tuple[_Arrays, _Shared]:
-    def raw(size: int) -> Any:
-        return multiprocessing.RawArray("b", max(size, 1))
-
-    frames = raw(worlds * image_size**2 * 3) if image_size else None
-    states, actions = raw(worlds * STATE_DTYPE.itemsize), raw(worlds * action_dim * 4)
-    shared = _Shared(worlds, image_size, action_dim, states, frames, actions, raw(worlds))
-    return shared.arrays(), shared

@@ -54,11 +54,12 @@ class Stages:
         (out / "estimator.safetensors").write_bytes(b"weights")
         return {"test_mean_error": 0.014, "epochs": config.epochs}
 
-    def policy(self, specs: list[RunSpec], estimator: Path | None, **options: Any) -> list[RunResult]:
+    def policy(self, specs: list[RunSpec], estimator: Path | None, **options: Any) -> None:
         for spec in specs:
             (spec.out / "episodes.parquet").write_bytes(b"episodes")
         self.called("train-policy", specs=specs, estimator=estimator, **options)
-        return [self._result(spec) for spec in specs]
+        for spec in specs:
+            options["finished"](self._result(spec))
 
     def _result(self, spec: RunSpec) -> RunResult:
         if reason := self.failing_cells.get(spec.scheme):

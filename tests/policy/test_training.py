@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from safetensors.numpy import load_file
 
 from schemas import tables
 from schemas.errors import ArtifactError, ConfigError, MachineError
@@ -63,8 +64,9 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> dict[int, int]:
 
 
 def _train(specs: list[RunSpec], estimator: bool = True) -> list[RunResult]:
-    path = Path("estimator") if estimator else None
-    return train.run(specs, path, resources=Resources(), progress=Silent())
+    path, results = Path("estimator") if estimator else None, []
+    train.run(specs, path, resources=Resources(), finished=results.append, progress=Silent())
+    return results
 
 
 def _transitions(spec: RunSpec) -> dict[str, np.ndarray]:
@@ -149,16 +151,29 @@ class TestLog:
         assert evaluations[-1]["mean_return"] == pytest.approx(rows["reward_dense_true"][final].sum() / 3, rel=1e-5)
         assert result.summary["final_return"] == evaluations[-1]["mean_return"]
 
-    def test_evaluation_has_no_exploration_noise_and_fresh_resets(self, tmp_path: Path) -> None:
+    def test_the_last_step_is_truncated_and_bootstraps(self, tmp_path: Path) -> None:
+        """The horizon is no end: what the buffer holds of step T − 1 is not terminal (paper's T = 200 is a truncation)."""
+        [spec] = _specs(tmp_path, ("dense",))
+        td3, buffer = TD3(CONFIG.td3, 24, 7, [0]), ReplayBuffer(1, 100, 24, 7)
+        lockstep = Lockstep([spec], FakeWorlds(1), FakeEstimator(), td3, buffer, [RunLog(spec, 24, 7)])
+        Schedule(lockstep, td3, [spec], lockstep.logs).run(Position(0, 0), Silent())
+        rows = _transitions(spec)
+        last = rows["truncated"] & (rows["split"] == "train")
+        batch = buffer.sample(2000, [np.random.default_rng(0)], "cpu")
+        held = {tuple(row) for row in batch.next_observation[0].numpy().round(5).tolist()}
+        assert all(tuple(row) in held for row in rows["next_observation"][last].astype(np.float32).round(5).tolist())
+        assert not batch.terminated.any() and not rows["terminated"].any()
+
+    def test_evaluation_acts_by_the_policy_alone_on_fresh_resets(self, tmp_path: Path) -> None:
         [spec] = _specs(tmp_path, ("dense",))
         _train([spec])
         rows = _transitions(spec)
         cubes = {split: set(rows["cube_true_x"][rows["split"] == split]) for split in ("train", "eval", "final")}
         assert not (cubes["train"] & cubes["eval"]) and not (cubes["eval"] & cubes["final"])
-        same = (rows["split"] == "final") & (rows["episode"] == 0)
-        smooth = np.abs(np.diff(rows["action"][same], axis=0)).max()
-        training = (rows["split"] == "train") & (rows["episode"] == 5)
-        assert smooth < np.abs(np.diff(rows["action"][training], axis=0)).max()
+        saved, final = load_file(spec.out / "checkpoints" / "policy.safetensors"), rows["split"] == "final"
+        hidden = np.maximum(rows["observation"][final] @ saved["actor.0.weight"] + saved["actor.0.bias"], 0)
+        policy = np.tanh(hidden @ saved["actor.1.weight"] + saved["actor.1.bias"])
+        assert np.allclose(rows["action"][final], policy, atol=1e-5)
 
     def test_update_rows(self, tmp_path: Path) -> None:
         """5 learning episodes of 6 updates, a row every 4 and at the episode's end: 10 rows, 30 updates."""
@@ -200,12 +215,15 @@ class _StopError(Exception):
 @pytest.mark.usefixtures("fake")
 class TestResume:
     @pytest.mark.parametrize("buffer", ["keep", "relabel", "empty"])
-    @pytest.mark.parametrize("stop_after", [3, 5, 9])
+    @pytest.mark.parametrize("stop_after", [1, 6, 14, 19])
     def test_resumed_equals_uninterrupted(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_after: int, buffer: str
     ) -> None:
-        """Stopped before, at and after the switch and in the final evaluation: the logs are the same bytes."""
-        config = CONFIG.model_copy(update={"buffer": buffer, "reset": "critics"})
+        """Going on from nothing, from before the switch (2), from after it (6) and from the final evaluation.
+
+        Rollouts come as 2 training and 2 evaluation episodes in turn, ten of each, then the final ones.
+        """
+        config = CONFIG.model_copy(update={"buffer": buffer, "reset": "critics", "episodes": 10, "final_episodes": 5})
         schemes = ("dense2sparse", "dense")
         whole, broken = _specs(tmp_path / "whole", schemes, config), _specs(tmp_path / "broken", schemes, config)
         _train(whole)
@@ -220,18 +238,57 @@ class TestResume:
         monkeypatch.setattr(Lockstep, "_rollout", stopping)
         with pytest.raises(_StopError):
             _train(broken)
+        resume_points = {1: [], 6: [2], 14: [4, 6], 19: [6, 8]}
+        assert [point.episodes for point in checkpoint.available(broken[0].out)] == resume_points[stop_after]
         monkeypatch.setattr(Lockstep, "_rollout", original)
         _train(broken)
         for one, other in zip(whole, broken, strict=True):
             assert _whole(one) == _whole(other)
 
-    def test_runs_killed_one_checkpoint_apart_go_on_from_the_older(self, tmp_path: Path) -> None:
-        specs = _specs(tmp_path, ("dense", "sparse"))
-        for spec, names in zip(specs, (["000002-000000", "000004-000000"], ["000002-000000"]), strict=True):
-            for name in names:
-                (spec.out / "checkpoints" / name).mkdir(parents=True)
-        assert len(train.groups(specs)) == 1
-        assert max(set(checkpoint.available(specs[0].out)) & set(checkpoint.available(specs[1].out))) == Position(2, 0)
+    def test_runs_killed_one_checkpoint_apart_go_on_from_the_older(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Killed while the second run's checkpoint at 4 was to be written: both go on from 2, and end the same."""
+        whole, broken = (_specs(tmp_path / name, ("dense", "sparse")) for name in ("whole", "broken"))
+        _train(whole)
+        original = checkpoint.save
+
+        def killed(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+            if position.episodes == 4 and row == 1:
+                raise _StopError
+            original(out, position, td3, row, counts)
+
+        monkeypatch.setattr(checkpoint, "save", killed)
+        with pytest.raises(_StopError):
+            _train(broken)
+        assert [[p.episodes for p in checkpoint.available(spec.out)] for spec in broken] == [[2, 4], [2]]
+        monkeypatch.setattr(checkpoint, "save", original)
+        _train(broken)
+        assert [_whole(spec) for spec in whole] == [_whole(spec) for spec in broken]
+
+    def test_a_run_that_ended_is_not_trained_again(self, tmp_path: Path) -> None:
+        """Killed after the policy was kept and before the manifest said so: the result is there, the files stay."""
+        [spec] = _specs(tmp_path, ("dense",))
+        [result] = _train([spec])
+        before = {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+        assert _train([spec]) == [result]
+        assert before == {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+
+    def test_results_come_as_soon_as_a_group_has_ended(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """An interruption in the second group leaves the first group's results as they are."""
+        specs = _specs(tmp_path / "a", ("dense",))
+        specs += _specs(tmp_path / "b", ("dense",), CONFIG.model_copy(update={"episodes": 8}))
+        original, results = Lockstep.train_episode, []
+
+        def stopping(self: Lockstep, episode: int, task: object) -> None:
+            if self.config.episodes == 8:
+                raise KeyboardInterrupt
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            train.run(specs, Path("e"), resources=Resources(), finished=results.append, progress=Silent())
+        assert [result.run_id for result in results] == [specs[0].run_id]
 
     def test_a_damaged_checkpoint_is_a_clear_error(self, tmp_path: Path) -> None:
         [spec] = _specs(tmp_path, ("dense",))
@@ -263,10 +320,23 @@ class TestFailures:
         assert not list((specs[1].out / "transitions").glob("*")), "an episode that diverged is not data"
         assert results[0].summary["episodes"] == 6
 
-    def test_when_every_run_fails_it_stops(self, tmp_path: Path, fake: dict[int, int]) -> None:
-        fake[0] = 2
-        with pytest.raises(MachineError, match="every run failed.*unstable"):
-            _train(_specs(tmp_path, ("dense",)))
+    def test_when_every_run_fails_it_stops_and_keeps_what_was_finished(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]
+    ) -> None:
+        [spec] = _specs(tmp_path, ("dense",))
+        original = Lockstep.train_episode
+
+        def third_diverges(self: Lockstep, episode: int, task: object) -> None:
+            if episode == 3:
+                fake[0] = 2
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", third_diverges)
+        [result] = _train([spec])
+        assert result.status == "failed" and "train episode 3, step 2" in (result.error or "")
+        rows = _transitions(spec)
+        assert set(rows["episode"][rows["split"] == "train"]) == {0, 1, 2}
+        assert result.summary["episodes"] == 3
 
     @pytest.mark.usefixtures("fake")
     def test_without_an_estimator_only_the_oracle_trains(self, tmp_path: Path) -> None:
@@ -283,7 +353,8 @@ class TestFailures:
         if torch.cuda.is_available():
             pytest.skip("this machine has a GPU")
         with pytest.raises(MachineError, match="no GPU"):
-            train.run(_specs(tmp_path, ("oracle",)), None, resources=Resources("cuda"), progress=Silent())
+            specs = _specs(tmp_path, ("oracle",))
+            train.run(specs, None, resources=Resources("cuda"), finished=print, progress=Silent())
 
 
 def test_runs_of_different_settings_are_not_mixed(tmp_path: Path) -> None:
