@@ -152,7 +152,7 @@ class TestLog:
         assert result.summary["final_return"] == evaluations[-1]["mean_return"]
 
     def test_the_last_step_is_truncated_and_bootstraps(self, tmp_path: Path) -> None:
-        """The horizon is no end: what the buffer holds of step T − 1 is not terminal (paper's T = 200 is a truncation)."""
+        """The horizon is no end: what the buffer holds of step T − 1 is not terminal, so TD3 bootstraps."""
         [spec] = _specs(tmp_path, ("dense",))
         td3, buffer = TD3(CONFIG.td3, 24, 7, [0]), ReplayBuffer(1, 100, 24, 7)
         lockstep = Lockstep([spec], FakeWorlds(1), FakeEstimator(), td3, buffer, [RunLog(spec, 24, 7)])
