@@ -1,56 +1,71 @@
-"""What the estimator sees under each misalignment of a study: one frame, re-rendered (the paper's Fig. 3)."""
+"""What the camera sees of one scene, as calibrated and turned (the paper's Fig. 3): large, for people to look at."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, get_args
 
+import numpy as np
 import pyarrow.parquet as pq
 from PIL import Image
 
-from pipeline.artifacts.inputs import load_complete
+from pipeline.artifacts.inputs import load, load_complete
 from pipeline.artifacts.store import Store
-from pipeline.matrix import angle_name
-from schemas.datasets import FrameRef
-from schemas.errors import PipelineError
-from schemas.manifest import Manifest
+from pipeline.machine import require_sim
+from schemas.errors import ArtifactError, PipelineError
+from schemas.mcap_files import read_messages
+from schemas.mcap_topics import SIM_STATE
+from schemas.tables import FRAMES
+from stages.sim.config import MisalignmentKind
 
-ENLARGED = 320
-"""Width and height [pixels] of a view, whatever the dataset's: its pixels are to be seen."""
+SIZE = 320
+"""Width and height [pixels] of a view, whatever the estimator's images have."""
+
+View = tuple[str, MisalignmentKind, float]
+"""Title, kind of misalignment, degrees."""
 
 
-def write_camera_views(store: Store, runs: Sequence[Manifest], figures: Path) -> None:
-    """Write figures/camera-KINDDEG.png for every misalignment among `runs`; none where no run had a camera.
+def write_camera_views(store: Store, estimators: Sequence[str], figures: Path) -> None:
+    """Write figures/camera-TITLE.png of the calibrated camera and of each turn the first estimator was tested under.
 
     A report is worth having without them: where the dataset is gone or there is no OpenGL, they are left out.
     """
-    seeing = [run for run in runs if run.config.get("estimator")]
-    cameras = sorted(
-        {(run.config["run"]["misalignment_kind"], run.config["run"]["misalignment_deg"]) for run in seeing}
-    )
-    if not cameras:
+    if not estimators:
         return
     with suppress(PipelineError):
-        estimator = load_complete(store.root, f"estimators/{seeing[0].config['estimator']}")
-        dataset = store.path(estimator.inputs[0].id)
-        load_complete(store.root, estimator.inputs[0].id)
+        estimator = load(store.root, estimators[0])
+        dataset = estimator.inputs[0].id
+        config = load_complete(store.root, dataset).config
+        require_sim()
         figures.mkdir(exist_ok=True)
-        _write_views(dataset, cameras, figures)
+        _write_views(store.path(dataset), config, views(estimator.config["perception"]["test_misalignments"]), figures)
 
 
-def _write_views(dataset: Path, cameras: Sequence[tuple[str, float]], figures: Path) -> None:
-    from stages.collect.rerender import make_rerender
-
-    rerender, frame = make_rerender(dataset), _first_test_frame(dataset)
-    for kind, degrees in cameras:
-        view = Image.fromarray(next(iter(rerender([frame], kind, degrees))))
-        view.resize((ENLARGED, ENLARGED), Image.Resampling.NEAREST).save(
-            figures / f"camera-{kind}{angle_name(degrees)}.png"
-        )
+def views(tested: Sequence[float]) -> list[View]:
+    """The calibrated camera, then each kind of misalignment at the tested angles [degrees]."""
+    turned = [(kind, degrees) for kind in sorted(get_args(MisalignmentKind)) for degrees in sorted(tested) if degrees]
+    return [("0°", "pan", 0.0), *((f"{kind} {degrees:g}°", kind, degrees) for kind, degrees in turned)]
 
 
-def _first_test_frame(dataset: Path) -> FrameRef:
-    frames = pq.read_table(
-        dataset / "frames.parquet", columns=["file", "episode", "step", "time_ns", "split"]
-    ).to_pylist()
+def _write_views(dataset: Path, config: dict[str, Any], wanted: Sequence[View], figures: Path) -> None:
+    from stages.collect.config import CollectStageConfig
+    from stages.sim.camera import misaligned, nominal_pose
+    from stages.sim.renderer import Renderer
+    from stages.sim.scene import build_scene
+
+    stage = CollectStageConfig.model_validate({name: config[name] for name in CollectStageConfig.model_fields})
+    nominal, pivot, qpos = nominal_pose(stage.camera), np.array(stage.camera.target), _test_scene(dataset)
+    with Renderer(build_scene(stage.world), SIZE, stage.camera.fovy) as renderer:
+        for title, kind, degrees in wanted:
+            image = renderer.render(qpos, misaligned(nominal, kind, degrees, pivot))
+            Image.fromarray(image).save(figures / f"camera-{title}.png")
+
+
+def _test_scene(dataset: Path) -> np.ndarray:
+    """Generalised positions (nq,) of the first test frame, or of the first frame where none is for testing."""
+    frames = pq.read_table(dataset / "frames.parquet", schema=FRAMES, columns=["file", "time_ns", "split"]).to_pylist()
     frame = next((frame for frame in frames if frame["split"] == "test"), frames[0])
-    return FrameRef(frame["file"], frame["episode"], frame["step"], frame["time_ns"])
+    for _, time_ns, message in read_messages(dataset / frame["file"], SIM_STATE):
+        if time_ns == frame["time_ns"]:
+            return np.array(message.qpos)
+    raise ArtifactError(f"{dataset / frame['file']} has no {SIM_STATE} at {frame['time_ns']} ns: collect it again")

@@ -25,6 +25,7 @@ def record_episode(root: Path) -> Callable[[str, str, int, Path], None]:
     """(run, split, episode, file) → recording of a logged episode: what the report is given, since it knows no sim."""
 
     def record(run: str, split: str, episode: int, save: Path) -> None:
+        require_sim()
         from stages.replay.recording import record_episode as replayed
 
         replayed(root / "runs" / run, split, episode, save)

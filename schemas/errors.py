@@ -16,21 +16,22 @@ class ConfigError(PipelineError):
 
 
 class ArtifactError(PipelineError):
-    """An input artifact is missing, damaged, foreign or of an unknown schema version."""
+    """An input artifact is missing, damaged, foreign or of an unknown schema version.
+
+    `awaited`: making what is not there yet, or not finished, would mend it.
+    """
 
     exit_code = 3
+
+    def __init__(self, message: str, awaited: bool = False) -> None:
+        super().__init__(message)
+        self.awaited = awaited
 
 
 class MachineError(PipelineError):
     """This machine cannot do it: no GL, disk full, no GPU where one was asked for, unstable simulation."""
 
     exit_code = 4
-
-
-class Interrupted(PipelineError):
-    """The user asked to stop; what was finished is on disk."""
-
-    exit_code = 130
 
 
 def unknown_choice(what: str, given: str, valid: Iterable[str]) -> str:

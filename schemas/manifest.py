@@ -1,10 +1,15 @@
 """The manifest every artifact carries (SPEC §2)."""
 
+import json
+from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from schemas.errors import ArtifactError
 from schemas.tables import SCHEMA_VERSION
+
+MANIFEST = "manifest.json"
 
 Stage = Literal["collect", "train-perception", "train-policy", "analyze"]
 Status = Literal["running", "complete", "failed"]
@@ -62,3 +67,46 @@ class Manifest(BaseModel):
     environment: Environment
     files: list[FileRef] = []
     summary: dict[str, Any] = {}
+
+
+def read_manifest(directory: Path) -> Manifest:
+    """Manifest of the artifact in `directory`.
+
+    Raises:
+        ArtifactError: it is absent, truncated, foreign, or of a schema version that this code does not know.
+    """
+    path = directory / MANIFEST
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise ArtifactError(f"{directory} has no {MANIFEST}: it is no artifact of this pipeline") from error
+    except OSError as error:
+        raise ArtifactError(f"{path} cannot be read ({error.strerror}): check its permissions") from error
+    return parse_manifest(data, path)
+
+
+def parse_manifest(data: bytes, path: Path) -> Manifest:
+    """The manifest whose bytes are `data`, read from `path`; errors as `read_manifest`'s."""
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ArtifactError(f"{path} is truncated or no JSON: make the artifact again under another --name") from error
+    _check_version(content, path)
+    try:
+        return Manifest.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ArtifactError(f"{path} is no manifest of this pipeline: {where}: {first['msg'].lower()}") from error
+
+
+def _check_version(content: object, path: Path) -> None:
+    """Before the fields are looked at: those of another version may differ. Versions count from 1; all are read."""
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if not isinstance(version, int) or version < 1:
+        raise ArtifactError(f"{path} has no schema_version: it is no manifest of this pipeline")
+    if version > SCHEMA_VERSION:
+        raise ArtifactError(
+            f"{path} was made by a newer version of the pipeline "
+            f"(schema {version}; this one reads up to {SCHEMA_VERSION}): upgrade"
+        )

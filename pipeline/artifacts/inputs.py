@@ -10,13 +10,12 @@ from schemas.errors import ArtifactError, ConfigError, PipelineError
 from schemas.manifest import FileRef, InputRef, Manifest
 
 HASHED = (".parquet", ".json", ".safetensors")
-"""Files verified by content each time they are an input; the many and large MCAP files by size, unless `deep`."""
+"""Files verified by content each time they are an input; the many and large MCAP files by size, and by their own
+checksums where they are read."""
 
 
-def load_complete(
-    root: Path, artifact_id: str, deep: bool = False, accepted: tuple[str, ...] = ("complete",)
-) -> Manifest:
-    """Manifest of an input whose status is `accepted`, its files verified; `deep` hashes MCAP files as well.
+def load_complete(root: Path, artifact_id: str, accepted: tuple[str, ...] = ("complete",)) -> Manifest:
+    """Manifest of an input whose status is `accepted`, its files verified.
 
     Raises:
         ArtifactError: missing (lists what exists), not finished, damaged, foreign or of a newer schema version.
@@ -25,10 +24,12 @@ def load_complete(
     path = artifact_path(root, artifact_id)
     if manifest.status not in accepted:
         state = "is not finished" if manifest.status == "running" else "failed"
-        raise ArtifactError(f"{artifact_id} {state}: resume it with `pipeline {manifest.stage} … --resume`")
+        raise ArtifactError(
+            f"{artifact_id} {state}: resume it with `pipeline {manifest.stage} … --resume`", awaited=True
+        )
     check_present(path, manifest)
     for file in manifest.files:
-        if deep or file.path.endswith(HASHED):
+        if file.path.endswith(HASHED):
             _check_content(path, manifest.id, file)
     return manifest
 
@@ -40,7 +41,7 @@ def load(root: Path, artifact_id: str) -> Manifest:
     if not path.exists():
         there = ", ".join(existing_ids(root, kind)) or f"no {kind}"
         raise ArtifactError(
-            f"{artifact_id} does not exist under {root}; there: {there}. Make it: `{make(artifact_id)}`"
+            f"{artifact_id} does not exist under {root}; there: {there}. Make it: `{make(artifact_id)}`", awaited=True
         )
     return read_manifest(path, artifact_id)
 

@@ -6,54 +6,28 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
+import schemas.manifest
 from pipeline.artifacts.names import STAGE_OF
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
-from schemas.manifest import FileRef, Manifest
-from schemas.tables import SCHEMA_VERSION
+from schemas.manifest import MANIFEST, FileRef, Manifest
 
-MANIFEST = "manifest.json"
 PLACEMENT = ("collect.workers",)
 """Configuration that says where the work is done and cannot change its result: not part of an artifact's identity."""
 
 
 def read_manifest(directory: Path, artifact_id: str) -> Manifest:
-    """Manifest of the artifact in `directory`; ArtifactError when absent, truncated, foreign or from newer code."""
-    path = directory / MANIFEST
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ArtifactError(f"{directory} has no {MANIFEST}: it is no artifact of this pipeline") from error
-    except (ValueError, UnicodeDecodeError) as error:
-        raise ArtifactError(f"{path} is truncated or no JSON: make the artifact again under another --name") from error
-    _check_version(content, path)
-    manifest = _parse(content, path)
+    """Manifest of the artifact in `directory`, which is to be `artifact_id`'s.
+
+    Raises:
+        ArtifactError: see `schemas.manifest.read_manifest`; or it is another artifact's.
+    """
+    manifest = schemas.manifest.read_manifest(directory)
     if manifest.id != artifact_id or manifest.stage != STAGE_OF[artifact_id.split("/")[0]]:
         raise ArtifactError(
-            f"{path} belongs to {manifest.id!r} ({manifest.stage}), not to {artifact_id!r}: put it back"
+            f"{directory / MANIFEST} belongs to {manifest.id!r} ({manifest.stage}), not to {artifact_id!r}: put it back"
         )
     return manifest
-
-
-def _check_version(content: object, path: Path) -> None:
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if not isinstance(version, int) or version < 1:
-        raise ArtifactError(f"{path} has no schema_version: it is no manifest of this pipeline")
-    if version > SCHEMA_VERSION:
-        raise ArtifactError(
-            f"{path} was made by a newer version (schema {version}; this one reads up to {SCHEMA_VERSION}): upgrade"
-        )
-
-
-def _parse(content: dict[str, Any], path: Path) -> Manifest:
-    try:
-        return Manifest.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ArtifactError(f"{path} is no manifest of this pipeline: {where}: {first['msg'].lower()}") from error
 
 
 def write_manifest(manifest: Manifest, directory: Path) -> None:

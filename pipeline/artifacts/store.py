@@ -3,7 +3,6 @@
 import os
 import shutil
 import tempfile
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,7 +19,7 @@ from pipeline.artifacts.manifests import (
     write_manifest,
 )
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
-from schemas.errors import ArtifactError, ConfigError, Interrupted
+from schemas.errors import ArtifactError, ConfigError
 from schemas.files import fsync_directory
 from schemas.manifest import InputRef, Manifest
 
@@ -42,9 +41,9 @@ class Request:
 class Build:
     """An artifact being written, locked until the `with` block ends.
 
-    `path` is where the stage writes. Leaving the block without `finish` records why: an interruption leaves the
-    status `running`, any other exception makes it `failed`; both continue with `--resume`. A directory in which
-    nothing was written yet is removed.
+    `path` is where the stage writes. Leaving the block by an exception, whichever it is, keeps the status `running`:
+    `--resume` goes on from there. What is new and still empty is removed, so is a report. `failed` is only what the
+    stage itself reported as such, by `fail`.
     """
 
     def __init__(self, manifest: Manifest, path: Path, target: Path, lock: ArtifactLock, resumed: bool) -> None:
@@ -59,8 +58,8 @@ class Build:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> None:
         try:
-            if self._manifest.status == "running" and error is not None:
-                self._abandon(error)
+            if error is not None:
+                self._abandon()
         finally:
             self._lock.release()
 
@@ -87,15 +86,15 @@ class Build:
         self._record(status=status, summary=summary, files=list_files(self.path))
 
     def _record(self, **changes: object) -> None:
-        self._manifest = self._manifest.model_copy(update=changes)
-        write_manifest(self._manifest, self.path)
+        changed = self._manifest.model_copy(update=changes)
+        write_manifest(changed, self.path)
+        self._manifest = changed
 
-    def _abandon(self, error: BaseException) -> None:
-        if self.path != self._target or not self._has_content():
-            shutil.rmtree(self.path)
-        elif isinstance(error, Exception) and not isinstance(error, Interrupted):
-            with suppress(OSError):  # a full disk must not hide the error that is being reported
-                self.fail(str(error) or type(error).__name__)
+    def _abandon(self) -> None:
+        aside = self.path != self._target
+        empty = self._manifest.status == "running" and not self.resumed and not self._has_content()
+        if aside or empty:
+            shutil.rmtree(self.path, ignore_errors=True)  # a published report is not there any more
 
     def _has_content(self) -> bool:
         return any(path.name != MANIFEST and path.is_file() for path in self.path.rglob("*"))

@@ -26,12 +26,15 @@ def train_policy(options: StageOptions, estimator: str | None) -> None:
     from pipeline.artifacts.names import check_name
     from pipeline.commands.results import failure_message, session, show_cells, show_plan
     from pipeline.steps import policy as step
+    from pipeline.steps.perception import require_robot
     from pipeline.steps.session import planned
     from schemas.errors import MachineError
 
     work = session(options)
     wanted = estimator or (options.artifact_name if step.estimator_needed(work) else None)
     source = check_name(wanted.removeprefix("estimators/")) if wanted else None
+    if source:
+        require_robot(work, source)
     if options.dry_run:
         asked = step.requests(work, options.artifact_name, source)
         show_plan(options, "train-policy", [planned(work, request) for _, request in asked])

@@ -1,7 +1,9 @@
 """`pipeline view`."""
 
-import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 
@@ -27,7 +29,8 @@ Example:
 def view(options: Place, artifact: str, episode: int, split: str, save: Path | None) -> None:
     """Open an artifact in the Rerun viewer, or save it for later.
 
-    A dataset or run shows one episode, an estimator its predictions, a report its learning curves.
+    A dataset or run shows one episode, an estimator its predictions, a report its learning curves. The command ends
+    when the window is closed; Ctrl-C closes it.
     """
     from pipeline.artifacts.inputs import load, resolve
     from pipeline.output import console, print_json
@@ -35,13 +38,27 @@ def view(options: Place, artifact: str, episode: int, split: str, save: Path | N
 
     artifact_id = resolve(options.data, artifact)
     load(options.data, artifact_id)
-    target = recording_path(save) if save else Path(tempfile.mkdtemp(prefix="pipeline-view-")) / "view.rrd"
-    shown = record_artifact(options.store, artifact_id, split, episode, target)
-    if save is None:
-        from stages.replay.viewer import open_viewer
-
-        open_viewer(target)
+    if save:
+        shown = record_artifact(options.store, artifact_id, split, episode, recording_path(save))
+    else:
+        shown = _show(lambda file: record_artifact(options.store, artifact_id, split, episode, file))
     if options.as_json:
-        print_json({"artifact": artifact_id, **shown, "recording": str(target)})
+        print_json({"artifact": artifact_id, **shown, "recording": str(save) if save else None})
     elif save and not options.quiet:
-        console().print(f"{artifact_id} → {target}  (open with `rerun {target}`)")
+        console().print(f"{artifact_id} → {save}  (open with `rerun {save}`)")
+
+
+def _show(record: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    """Write a recording aside and show it until the window is closed."""
+    from stages.replay.viewer import open_viewer, require_display, stop_viewer
+
+    require_display()
+    with TemporaryDirectory(prefix="pipeline-view-") as directory:
+        file = Path(directory) / "view.rrd"
+        shown = record(file)
+        process = open_viewer(file)
+        try:
+            process.wait()
+        finally:
+            stop_viewer(process)
+    return shown

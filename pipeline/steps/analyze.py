@@ -15,7 +15,8 @@ from stages.analyze.config import AnalyzeStageConfig
 def inputs(session: Session, runs: Sequence[str], estimators: Sequence[str]) -> list[str]:
     """Ids of the runs (NAME means all its cells) and estimators to report on; both empty: all that are finished.
 
-    A failed run is finished: that it failed is a result.
+    A failed run is finished: that it failed is a result. The estimators that runs used are shown with them, so they
+    are inputs too, unless they are gone.
     """
     if not runs and not estimators:
         every = [*existing_ids(session.root, "runs"), *existing_ids(session.root, "estimators")]
@@ -24,7 +25,14 @@ def inputs(session: Session, runs: Sequence[str], estimators: Sequence[str]) -> 
             raise ArtifactError(f"nothing to analyze under {session.root}: no finished run and no finished estimator")
         return finished
     cells = [cell for name in runs for cell in expand(session.root, name)]
-    return [*dict.fromkeys(cells), *(f"estimators/{name.removeprefix('estimators/')}" for name in estimators)]
+    named = [f"estimators/{name.removeprefix('estimators/')}" for name in estimators]
+    return list(dict.fromkeys([*cells, *named, *_used(session.root, cells)]))
+
+
+def _used(root: Path, cells: Sequence[str]) -> list[str]:
+    """Ids of the estimators that were inputs of the runs and are still there."""
+    there = existing_ids(root, "estimators")
+    return [ref.id for cell in cells for ref in load(root, cell).inputs if ref.id in there]
 
 
 def _accepted(artifact_id: str) -> tuple[str, ...]:
@@ -38,7 +46,7 @@ def expand(root: Path, name: str) -> list[str]:
     found = [each for each in there if each == f"runs/{name}" or each.startswith(f"runs/{name}/")]
     if not found:
         names = ", ".join(sorted({split_id(each)[1][0] for each in there})) or "no runs"
-        raise ArtifactError(f"no run {name!r} under {root}; there: {names}")
+        raise ArtifactError(f"no run {name!r} under {root}; there: {names}", awaited=True)
     return found
 
 
@@ -59,13 +67,13 @@ def analyze(session: Session, name: str, runs: Sequence[str] = (), estimators: S
         from pipeline.recordings import record_episode
         from stages.analyze.run import run
 
-        runs = [load(session.root, each) for each in ids if each.startswith("runs/")]
-        write_camera_views(session.store, runs, build.path / "figures")
+        estimators = [each for each in ids if each.startswith("estimators/")]
+        write_camera_views(session.store, estimators, build.path / "figures")
         return run(
             session.config.analyze,
             session.root,
-            [manifest.name for manifest in runs],
-            [each.removeprefix("estimators/") for each in ids if each.startswith("estimators/")],
+            [each.removeprefix("runs/") for each in ids if each.startswith("runs/")],
+            [each.removeprefix("estimators/") for each in estimators],
             build.path,
             record_episode=record_episode(session.root),
             progress=session.progress,

@@ -82,7 +82,7 @@ def _planned(session: Session, ids: list[str], requests: Callable[[], list[Reque
     try:
         asked = requests()
     except ArtifactError as error:
-        if "does not exist" in str(error) or "no run" in str(error) or "not finished" in str(error):
-            return [{"id": each, "plan": "make, once its inputs are there"} for each in ids]
-        raise
+        if not error.awaited:
+            raise
+        return [{"id": each, "plan": "make, once its inputs are there"} for each in ids]
     return [planned(session, request) for request in asked]

@@ -3,12 +3,17 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline.artifacts.inputs import load
 from pipeline.artifacts.manifests import file_sha256
+from pipeline.artifacts.space import require_space
 from pipeline.artifacts.store import Build, Request
 from pipeline.machine import require_device
 from pipeline.steps.session import Outcome, Session, make
-from schemas.errors import ArtifactError
+from schemas.errors import ArtifactError, ConfigError
 from stages.perception.config import PerceptionStageConfig
+
+SPACE_NEEDED = 3 * 350_000_000 + 100_000_000
+"""Bytes of three checkpoints (weights, best weights, two moments of the optimizer) and of the estimator."""
 
 
 def request(session: Session, name: str, dataset: str, weights: Path | None = None) -> Request:
@@ -24,15 +29,31 @@ def _weights_sha256(weights: Path) -> str:
     return file_sha256(weights)
 
 
+def require_robot(session: Session, estimator: str) -> None:
+    """ConfigError when an estimator saw another robot than the one to train; not known once its dataset is gone."""
+    made_from = load(session.root, f"estimators/{estimator}").inputs
+    seen = next((ref.id for ref in made_from if session.store.path(ref.id).exists()), None)
+    if seen is None:
+        return
+    robot, wanted = load(session.root, seen).config["world"]["robot"], session.config.world.robot
+    if robot != wanted:
+        raise ConfigError(
+            f"estimators/{estimator} learned from images of {robot} ({seen}), but world.robot is {wanted}: "
+            f"use --set world.robot={robot}, or an estimator of {wanted}"
+        )
+
+
 def train_perception(session: Session, name: str, dataset: str, weights: Path | None = None) -> Outcome:
     """Train an estimator on a dataset."""
     directory = session.store.path(f"datasets/{dataset}")
 
     def stage(build: Build) -> dict[str, Any]:
+        require_device(session.config.perception.device)
+        if not build.resumed:
+            require_space(session.root, SPACE_NEEDED)
         from stages.collect.rerender import make_rerender
         from stages.perception.training import run
 
-        require_device(session.config.perception.device)
         return run(
             session.config.perception,
             directory,

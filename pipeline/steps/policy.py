@@ -57,7 +57,8 @@ def space_needed(work: Sequence[Work], horizon: int) -> int:
 
 def _episodes(cell: Cell) -> int:
     config = cell.config
-    return config.episodes * (1 + config.eval_episodes // config.eval_every) + config.final_episodes
+    evaluations = config.episodes // config.eval_every
+    return config.episodes + evaluations * config.eval_episodes + config.final_episodes
 
 
 def train_policy(session: Session, name: str, estimator: str | None) -> list[Outcome]:

@@ -1,4 +1,4 @@
-"""Which artifacts lie under a data root: whatever carries a readable manifest that names its own place."""
+"""Which artifacts lie under a data root: whatever carries a manifest that names its own place."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -7,11 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ValidationError
-
 from schemas.errors import ArtifactError
-from schemas.manifest import Manifest
-from schemas.tables import SCHEMA_VERSION
+from schemas.manifest import MANIFEST, Manifest, parse_manifest
 
 Kind = Literal["datasets", "estimators", "runs"]
 
@@ -45,10 +42,11 @@ class Artifact:
 
 
 def artifacts(data_root: Path, kind: Kind) -> list[Artifact]:
-    """All artifacts of a kind, by name. Foreign, hidden and temporary directories are passed over.
+    """All artifacts of a kind, by name. Directories without manifest, hidden and temporary ones are passed over.
 
     Raises:
-        ArtifactError: an artifact of another schema version.
+        ArtifactError: a manifest is damaged, foreign or of a newer schema version. It is not passed over, for answers
+            would then leave its artifact out without a word.
     """
     root = data_root.resolve()
     found = [_read(root, kind, path) for path in _directories(root / kind, _DEPTH[kind])]
@@ -68,21 +66,18 @@ def _directories(parent: Path, depth: int) -> Iterator[Path]:
 
 
 def _read(root: Path, kind: Kind, path: Path) -> Artifact | None:
-    """The artifact at `path`; None where there is none, or a link leads out of the data root."""
-    name = path.relative_to(root / kind).as_posix()
+    """The artifact at `path`; None where there is none, it is another's copy, or a link leads out of the data root."""
+    name, manifest_path = path.relative_to(root / kind).as_posix(), path / MANIFEST
+    if not path.resolve().is_relative_to(root):
+        return None
     try:
-        data = (path / "manifest.json").read_bytes()
-        manifest = Manifest.model_validate_json(data)
-    except (OSError, ValidationError):
+        data = manifest_path.read_bytes()
+    except FileNotFoundError:
         return None
-    if manifest.id != f"{kind}/{name}" or not path.resolve().is_relative_to(root):
-        return None
-    if manifest.schema_version != SCHEMA_VERSION:
-        raise ArtifactError(
-            f"{manifest.id} has schema version {manifest.schema_version}, this program reads {SCHEMA_VERSION}; "
-            "use the version of the program that wrote it, or move the artifact out of the data root"
-        )
-    return Artifact(kind, name, path, manifest, data)
+    except OSError as error:
+        raise ArtifactError(f"{manifest_path} cannot be read ({error.strerror}): check its permissions") from error
+    manifest = parse_manifest(data, manifest_path)
+    return Artifact(kind, name, path, manifest, data) if manifest.id == f"{kind}/{name}" else None
 
 
 def select(found: Sequence[Artifact], names: Sequence[str]) -> list[Artifact]:

@@ -1,6 +1,7 @@
 """SQL over all logs: checked, streamed, written as text or Parquet."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TextIO
 
@@ -25,6 +26,8 @@ def query(connection: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchRead
     statement = guard.check(connection, sql)
     try:
         return connection.sql(statement).to_arrow_reader(BATCH_ROWS)
+    except duckdb.InterruptException:
+        raise KeyboardInterrupt from None
     except duckdb.Error as error:
         raise _sql_error(_located(connection, statement, error)) from None
 
@@ -54,11 +57,23 @@ def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> i
 
 
 def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream: TextIO) -> int:
-    """Answer `sql` over the artifacts under `data_root`, into the file `output` or else `stream`; returns the rows."""
+    """Answer `sql` over the artifacts under `data_root`, into the file `output` or else `stream`; returns the rows.
+
+    The work is a thread's: DuckDB does not look for Ctrl-C while it computes, this thread does and stops it.
+    """
     if output is None and format == "parquet":
         raise ConfigError("Parquet is no text: name a file with -o FILE.parquet")
-    with connect(data_root) as connection:
-        return write(query(connection, sql), format, output if output is not None else stream)
+    target = stream if output is None else output
+    with connect(data_root) as connection, ThreadPoolExecutor(1) as thread:
+        rows = thread.submit(lambda: write(query(connection, sql), format, target))
+        try:
+            while not wait([rows], timeout=0.2).done:  # a signal may reach another thread and not wake this one
+                pass
+            return rows.result()
+        except KeyboardInterrupt:
+            while not wait([rows], timeout=0.2).done:
+                connection.interrupt()
+            raise
 
 
 def _to_file(reader: pa.RecordBatchReader, format: str, path: Path) -> int:

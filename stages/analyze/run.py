@@ -49,10 +49,17 @@ def run(
         success_figures=_by_task(answers, "outcomes", policy.success),
         error_figures=_reward_error(answers),
         recordings=_record(config, answers, out, record_episode, progress),
-        cameras=sorted((out / "figures").glob("camera-*.png")),
+        cameras=sorted((out / "figures").glob("camera-*.png"), key=_camera_order),
     )
     _write(contents, out, progress)
     return _summary(contents)
+
+
+def _camera_order(picture: Path) -> tuple[str, float]:
+    """By kind of misalignment and angle: `camera-0°`, `camera-orbit 5°`, `camera-orbit 10°`, …"""
+    kind, _, angle = picture.stem.removeprefix("camera-").rpartition(" ")
+    digits = angle.rstrip("°")
+    return kind, float(digits) if digits.replace(".", "").isdigit() else 0.0
 
 
 def _rows(answers: dict[str, Answer], name: str) -> list[results.Row]:

@@ -83,6 +83,8 @@ _FILE_VIEWS: dict[str, tuple[str, str, pa.Schema]] = {  # view: kind of artifact
     "predictions": ("estimators", "predictions.parquet", tables.PREDICTIONS),
 }
 VIEWS = (*_MANIFEST_VIEWS, *_FILE_VIEWS)
+_LOGGED = ("complete", "running")
+"""Statuses whose files are in the views (SPEC §6): a failed run is listed in `runs`, its logs are in no average."""
 
 
 def connect(data_root: Path, only: Sequence[Artifact] | None = None) -> duckdb.DuckDBPyConnection:
@@ -102,7 +104,7 @@ def connect(data_root: Path, only: Sequence[Artifact] | None = None) -> duckdb.D
         rows = [_row(artifact, schema) for artifact in found if artifact.kind == view]
         _create_table(connection, view, pa.Table.from_pylist(rows, schema=schema))
     for view, (kind, pattern, schema) in _FILE_VIEWS.items():
-        files = [path for artifact in found if artifact.kind == kind for path in artifact.parquet(pattern)]
+        files = [p for a in found if a.kind == kind and a.manifest.status in _LOGGED for p in a.parquet(pattern)]
         _create_view(connection, view, files, schema)
     _confine(connection, data_root)
     return connection

@@ -1,17 +1,15 @@
 """Writes an episode to its MCAP file (SPEC §4)."""
 
 import hashlib
-import io
 import json
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 from mcap_protobuf.writer import Writer
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from schemas import mcap_files, mcap_topics
+from schemas.images import encode
 from schemas.tables import SCHEMA_VERSION
 from stages.collect.config import CollectStageConfig
 from stages.collect.plan import EpisodePlan
@@ -19,8 +17,6 @@ from stages.collect.simulate import Episode, Snapshot
 from stages.sim.camera import CameraPose, intrinsics, nominal_pose
 from stages.sim.renderer import Renderer
 
-JPEG_QUALITY = 95
-PNG_LEVEL = 1  # half the time of the default for a tenth more bytes
 _VERSIONED = ("mujoco", "robosuite", "numpy")
 
 
@@ -59,16 +55,6 @@ class Recorder:
         }
         for topic, message in messages.items():
             mcap_files.write(writer, topic, time_ns, message)
-
-
-def encode(image: np.ndarray, image_format: str) -> bytes:
-    """(H, W, 3) uint8 → png or jpeg."""
-    buffer = io.BytesIO()
-    if image_format == "png":
-        Image.fromarray(image).save(buffer, "PNG", compress_level=PNG_LEVEL)
-    else:
-        Image.fromarray(image).save(buffer, "JPEG", quality=JPEG_QUALITY)
-    return buffer.getvalue()
 
 
 def episode_metadata(

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from schemas import mcap_topics
 from schemas.datasets import FrameRef, Rerender
 from schemas.errors import ArtifactError
-from schemas.manifest import Manifest
+from schemas.manifest import MANIFEST, read_manifest
 from schemas.mcap_files import read_messages
 from stages.collect.config import CollectStageConfig
 from stages.sim.camera import misaligned, nominal_pose
@@ -22,7 +22,7 @@ def make_rerender(dataset: Path) -> Rerender:
     """Re-renderer of the dataset in that directory, with its own world and nominal camera.
 
     Raises:
-        ArtifactError: the directory's manifest is no dataset's.
+        ArtifactError: the directory's manifest is missing, damaged or no dataset's.
     """
     config = _read_config(dataset)
 
@@ -37,13 +37,12 @@ def make_rerender(dataset: Path) -> Rerender:
 
 
 def _read_config(dataset: Path) -> CollectStageConfig:
-    path = dataset / "manifest.json"
+    manifest = read_manifest(dataset)
     try:
-        manifest = Manifest.model_validate_json(path.read_bytes())
         sections = {name: manifest.config[name] for name in CollectStageConfig.model_fields}
         return CollectStageConfig.model_validate(sections)
-    except (FileNotFoundError, KeyError, ValidationError) as error:
-        raise ArtifactError(f"{path} is missing or no dataset's: {error}; collect the dataset again") from error
+    except (KeyError, ValidationError) as error:
+        raise ArtifactError(f"{dataset / MANIFEST} is no dataset's: {error}; collect the dataset again") from error
 
 
 def _states(dataset: Path, frames: Sequence[FrameRef]) -> Iterator[np.ndarray]:

@@ -1,7 +1,6 @@
 """Episodes in this process or in several; the results are the same, in whichever order they come."""
 
 import os
-import signal
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -13,6 +12,7 @@ from schemas.errors import MachineError
 from stages.collect.collector import Collector
 from stages.collect.frames import EpisodeResult
 from stages.collect.plan import EpisodePlan
+from stages.sim.processes import interrupts_ignored
 
 CollectorFactory = Callable[[], Collector]
 """Makes each process's collector; picklable."""
@@ -48,7 +48,9 @@ def _in_processes(
     # spawned, not forked: a forked OpenGL context or thread pool is undefined
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker, initargs=(make,))
     try:
-        for future in as_completed([pool.submit(_collect, plan) for plan in plans]):
+        with interrupts_ignored():
+            futures = [pool.submit(_collect, plan) for plan in plans]  # which starts the processes
+        for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
         raise MachineError(
@@ -61,7 +63,6 @@ def _in_processes(
 
 def _start_worker(make: CollectorFactory) -> None:
     global _collector
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _collector = make()
 

@@ -13,15 +13,14 @@ import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
-from pydantic import ValidationError
 
 from schemas.datasets import FrameRef
 from schemas.errors import ArtifactError, MachineError
-from schemas.manifest import Manifest
+from schemas.manifest import MANIFEST, Manifest, read_manifest
 from schemas.mcap_files import read_messages
 from schemas.mcap_topics import CAMERA_IMAGE
 from schemas.progress import Progress
-from schemas.tables import FRAMES, SCHEMA_VERSION
+from schemas.tables import FRAMES
 
 SPLITS = ("train", "validation", "test")
 MEMORY_LIMIT = 6 * 2**30
@@ -54,7 +53,7 @@ def load_frames(dataset: Path, cache: Path, progress: Progress, memory_limit: in
 
     Raises ArtifactError, naming the file, when one is missing, damaged, foreign, or lacks a frame.
     """
-    manifest = _read_manifest(dataset / "manifest.json")
+    manifest = _dataset_manifest(dataset)
     table = _read_table(dataset / "frames.parquet")
     camera = manifest.config["camera"]
     size = camera["image_size"]
@@ -83,19 +82,10 @@ def _fill(images: np.ndarray, table: pl.DataFrame, dataset: Path, progress: Prog
                 raise ArtifactError(f"{file}: no {CAMERA_IMAGE} at {min(wanted)} ns, though frames.parquet lists it")
 
 
-def _read_manifest(file: Path) -> Manifest:
-    try:
-        manifest = Manifest.model_validate_json(file.read_bytes())
-    except OSError as error:
-        raise ArtifactError(f"{file}: cannot be read ({error.strerror}); is the directory a dataset?") from error
-    except ValidationError as error:
-        raise ArtifactError(f"{file}: damaged; collect the dataset again") from error
-    if manifest.schema_version > SCHEMA_VERSION:
-        raise ArtifactError(
-            f"{file}: schema version {manifest.schema_version} is newer than this code's {SCHEMA_VERSION}"
-        )
+def _dataset_manifest(dataset: Path) -> Manifest:
+    manifest = read_manifest(dataset)
     if not isinstance(manifest.config.get("camera"), dict) or "image_size" not in manifest.config["camera"]:
-        raise ArtifactError(f"{file}: config.camera is missing; is it a dataset's manifest?")
+        raise ArtifactError(f"{dataset / MANIFEST}: config.camera is missing; is it a dataset's manifest?")
     return manifest
 
 

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 
 from schemas import mcap_topics
 from schemas.errors import ArtifactError
+from schemas.manifest import read_manifest
 from schemas.mcap_files import read_messages, read_metadata
-from stages.replay.manifests import read_manifest
 from stages.replay.track import Actions, Clock, EpisodeTrack, Pose
 from stages.sim.camera import CameraPose, Intrinsics
 from stages.sim.config import WorldConfig
@@ -40,7 +40,7 @@ def dataset_track(dataset: Path, episode: int) -> EpisodeTrack:
         description=_description(dataset, path, len(frames)),
         clock=clock,
         cube=_cube(messages),
-        links={link: _pose(messages, link) for link in {mesh.link for mesh in meshes}},
+        links={link: _pose(messages, link) for link in dict.fromkeys(mesh.link for mesh in meshes)},
         meshes=meshes,
         camera=CameraPose.from_quaternion(
             *mcap_topics.placement(messages[0][mcap_topics.TF], mcap_topics.CAMERA_FRAME)

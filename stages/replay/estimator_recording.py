@@ -7,7 +7,7 @@ import rerun as rr
 
 from rerun_blueprints.perception import perception_blueprint
 from schemas import entities
-from stages.replay.manifests import read_manifest
+from schemas.manifest import read_manifest
 from stages.replay.predictions import Frame, Predictions, load_frames, load_predictions, select
 from stages.replay.projection import cube_edges, in_image
 from stages.replay.recording_file import recording_file

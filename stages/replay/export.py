@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from schemas.errors import ConfigError, MachineError, unknown_choice
-from stages.replay.frames import run_camera
+from stages.replay.frames import AS_THE_RUN, View, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.mcap_export import write_mcap
 from stages.replay.proof import ReplayResult
@@ -27,12 +27,10 @@ def check_target(save: Path) -> None:
         raise ConfigError(f"--save {save}: there is no directory {save.parent}")
 
 
-def export_episode(
-    run_dir: Path, split: str, episode: int, save: Path, *, image_size: int | None = None
-) -> ReplayResult:
+def export_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
     """Replay a run's episode and write it to `save` in the format of its ending.
 
-    `image_size` [pixels] overrides the size of the frames, which is that of the run's estimator.
+    `view` is the camera of its frames; the estimates in it are those that were logged.
 
     Raises:
         ConfigError: see `check_target`.
@@ -41,7 +39,7 @@ def export_episode(
     """
     check_target(save)
     logged = load_episode(run_dir, split, episode)
-    rollout = roll_out(logged, run_camera(logged, image_size))
+    rollout = roll_out(logged, run_camera(logged, view))
     try:
         if save.suffix == ".rrd":
             write_track(run_track(logged, rollout), save)

@@ -1,56 +1,73 @@
 """What the camera of a run saw: frames of a replayed episode, from the camera the policy was given."""
 
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from pydantic import ValidationError
 
 from schemas.errors import ArtifactError
+from schemas.images import ImageFormat
 from stages.replay.logs import LoggedEpisode
 from stages.sim.camera import CameraPose, Intrinsics, intrinsics, misaligned, nominal_pose
-from stages.sim.config import CameraConfig
+from stages.sim.config import CameraConfig, MisalignmentKind
 
 _LOSSLESS_UP_TO = 128  # [pixels]; 200 such frames are 5 MB
-_JPEG_QUALITY = 92
+
+
+@dataclass(frozen=True)
+class View:
+    """What a replay is shown from; None: as in the run. The logged estimates are what they were, whatever is shown."""
+
+    image_size: int | None = None  # [pixels]
+    misalignment_kind: MisalignmentKind | None = None
+    misalignment_deg: float | None = None
+
+
+AS_THE_RUN = View()
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera that stands still during an episode."""
+    """A camera that stands still during an episode: the nominal one of `config`, misaligned."""
 
     config: CameraConfig
     pose: CameraPose
+    misalignment_kind: MisalignmentKind
+    misalignment_deg: float
 
     @property
     def intrinsics(self) -> Intrinsics:
         """Of the whole image."""
         return intrinsics(self.config)
 
+    @property
+    def misalignment(self) -> str:
+        """In words: pan 5°."""
+        return f"{self.misalignment_kind} {self.misalignment_deg:g}°"
 
-def run_camera(logged: LoggedEpisode, image_size: int | None = None) -> Camera:
+    @property
+    def image_format(self) -> ImageFormat:
+        """Of its frames: exact up to 128² pixels, JPEG above."""
+        return "png" if self.config.image_size <= _LOSSLESS_UP_TO else "jpeg"
+
+
+def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN) -> Camera:
     """The camera the run's estimates were made from: the estimator's nominal one, misaligned as the run says.
 
-    A run without estimator (oracle) had no camera: it is shown from the default one. `image_size` [pixels] overrides
-    the estimator's.
+    A run without estimator (oracle) had no camera: it is shown from the default one. `view` overrides image size and
+    misalignment.
 
     Raises:
         ArtifactError: the run's estimator is gone or damaged.
     """
-    config = _nominal(logged)
-    if image_size is not None:
-        config = config.model_copy(update={"image_size": image_size})
-    identity = logged.manifest.config["run"]
-    pose = misaligned(
-        nominal_pose(config),
-        identity["misalignment_kind"],
-        float(identity["misalignment_deg"]),
-        np.array(config.target),
-    )
-    return Camera(config, pose)
+    config, identity = _nominal(logged), logged.manifest.config["run"]
+    if view.image_size is not None:
+        config = config.model_copy(update={"image_size": view.image_size})
+    kind = view.misalignment_kind or identity["misalignment_kind"]
+    degrees = float(identity["misalignment_deg"] if view.misalignment_deg is None else view.misalignment_deg)
+    return Camera(config, misaligned(nominal_pose(config), kind, degrees, np.array(config.target)), kind, degrees)
 
 
 def _nominal(logged: LoggedEpisode) -> CameraConfig:
@@ -74,13 +91,3 @@ def estimator_camera(estimator: Path) -> CameraConfig:
         raise ArtifactError(f"estimator {estimator.name} is gone: {path} cannot be read ({error.strerror})") from error
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         raise ArtifactError(f"{path} is damaged: it names no camera ({error})") from error
-
-
-def encode(image: np.ndarray) -> tuple[bytes, str]:
-    """An image (H, W, 3) uint8 and its media type: exact while that is small, JPEG from 256² on."""
-    buffer = io.BytesIO()
-    if image.shape[0] <= _LOSSLESS_UP_TO:
-        Image.fromarray(image).save(buffer, "png", compress_level=3)
-        return buffer.getvalue(), "image/png"
-    Image.fromarray(image).save(buffer, "jpeg", quality=_JPEG_QUALITY, subsampling=0)
-    return buffer.getvalue(), "image/jpeg"

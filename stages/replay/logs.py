@@ -11,9 +11,8 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from schemas.errors import ArtifactError
-from schemas.manifest import Manifest
+from schemas.manifest import Manifest, read_manifest
 from schemas.tables import EPISODES, transitions
-from stages.replay.manifests import read_manifest
 from stages.replay.parquet import check_schema, read_parquet, reading
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from schemas import mcap_files, mcap_topics
 from schemas.entities import CUBE_EST
-from stages.replay.frames import encode
+from schemas.images import encode
 from stages.replay.logs import LoggedEpisode
 from stages.replay.rollout import Rollout
 from stages.sim.renderer import link_meshes
@@ -37,12 +37,12 @@ def _state_messages(
     rollout: Rollout, bodies: dict[str, str], index: int, state: np.void
 ) -> dict[str, mcap_topics.Message]:
     time_ns, intrinsics = int(state["time_ns"]), rollout.camera.intrinsics
-    data, media_type = encode(rollout.frames[index])
+    data = encode(rollout.frames[index], rollout.camera.image_format)
     joints = mcap_topics.joint_states(time_ns, rollout.scene.joint_names, state["qpos"], state["qvel"])
     return {
         mcap_topics.TF: mcap_topics.transforms(time_ns, _placements(rollout, bodies, index)),
         mcap_topics.CAMERA_CALIBRATION: mcap_topics.calibration(time_ns, intrinsics.size, intrinsics.matrix),
-        mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, data, media_type.removeprefix("image/")),
+        mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, data, rollout.camera.image_format),
         mcap_topics.CUBE_POSE: mcap_topics.cube_pose(time_ns, state["cube_position"], state["cube_quaternion"]),
         mcap_topics.ROBOT_JOINTS: joints,
         mcap_topics.SIM_STATE: mcap_topics.sim_state(
@@ -73,6 +73,7 @@ def _metadata(logged: LoggedEpisode, rollout: Rollout) -> dict[str, str]:
         "episode": str(logged.episode),
         "steps": str(logged.steps),
         **{name: str(run[name]) for name in ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")},
+        "camera": rollout.camera.misalignment,
         "success": json.dumps(bool(logged.summary["success"])),
         "identical": json.dumps(rollout.result.identical),
         "config_sha256": logged.manifest.config_sha256,

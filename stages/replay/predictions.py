@@ -98,7 +98,7 @@ def load_frames(dataset: Path, episodes: np.ndarray, steps: np.ndarray) -> list[
     wanted = list(zip(episodes.tolist(), steps.tolist(), strict=True))
     places = _places(dataset, set(wanted))
     found: dict[tuple[str, int], Frame] = {}
-    for file in {file for file, _ in places.values()}:
+    for file in dict.fromkeys(file for file, _ in places.values()):
         times = {time for other, time in places.values() if other == file}
         for time, messages in _messages(dataset / file, times).items():
             found[file, time] = _frame(messages)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rerun_blueprints.episode import episode_blueprint
 from stages.replay.dataset_track import dataset_track
-from stages.replay.frames import run_camera
+from stages.replay.frames import AS_THE_RUN, View, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.proof import ReplayResult
 from stages.replay.recording_file import recording_file
@@ -15,17 +15,15 @@ from stages.replay.series_log import log_series
 from stages.replay.track import EpisodeTrack
 
 
-def record_episode(
-    run_dir: Path, split: str, episode: int, save: Path, *, image_size: int | None = None
-) -> ReplayResult:
-    """Write a recording of a run's episode to `save`; frames are rendered anew, by default of the estimator's size.
+def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
+    """Write a recording of a run's episode to `save`; frames are rendered anew, by default by the run's camera.
 
     Raises:
         ArtifactError: the episode, its run or its estimator is missing or damaged.
         MachineError: there is no OpenGL to render with, or no space.
     """
     logged = load_episode(run_dir, split, episode)
-    rollout = roll_out(logged, run_camera(logged, image_size))
+    rollout = roll_out(logged, run_camera(logged, view))
     write_track(run_track(logged, rollout), save)
     return rollout.result
 

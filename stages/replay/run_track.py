@@ -3,8 +3,8 @@
 import numpy as np
 
 from schemas import entities
+from schemas.images import encode
 from stages.policy import rewards
-from stages.replay.frames import encode
 from stages.replay.logs import LoggedEpisode
 from stages.replay.rollout import Rollout
 from stages.replay.track import Actions, Clock, EpisodeTrack, Pose
@@ -23,18 +23,18 @@ def run_track(logged: LoggedEpisode, rollout: Rollout) -> EpisodeTrack:
     states, estimate = rollout.trajectory.states, logged.vector("cube_est")
     clock = Clock(logged.rows["time_ns"], logged.rows["step"])
     meshes = link_meshes(rollout.scene)
-    encoded = [encode(frame) for frame in rollout.frames[1:]]
+    image_format = rollout.camera.image_format
     return EpisodeTrack(
         name=f"{logged.run} {logged.split} {logged.episode}",
         description=_description(logged, rollout),
         clock=clock,
         cube=Pose(states["cube_position"], states["cube_quaternion"]),
-        links={link: rollout.links[link].after_steps() for link in {mesh.link for mesh in meshes}},
+        links={link: rollout.links[link].after_steps() for link in dict.fromkeys(mesh.link for mesh in meshes)},
         meshes=meshes,
         camera=rollout.camera.pose,
         intrinsics=rollout.camera.intrinsics,
-        images=[data for data, _ in encoded],
-        media_type=encoded[0][1],
+        images=[encode(frame, image_format) for frame in rollout.frames[1:]],
+        media_type=f"image/{image_format}",
         joints=states["qpos"],
         actions=Actions(clock, logged.rows["action"]),
         estimate=None if np.isnan(estimate).all() else estimate,
@@ -63,7 +63,7 @@ def _description(logged: LoggedEpisode, rollout: Rollout) -> str:
         "outcome": "no success" if steps is None else f"success after {steps} steps",
         "return, dense true": f"{summary['return_dense_true']:.1f}",
         "return given to TD3": f"{summary['return_used']:.1f}",
-        "camera": f"{rollout.camera.config.image_size}², {run['misalignment_kind']} {run['misalignment_deg']:g}°",
+        "camera": f"{rollout.camera.config.image_size}², {rollout.camera.misalignment}",
         "estimator": logged.manifest.config.get("estimator") or "none (true state)",
         "replay": rollout.result.message(),
     }

@@ -24,8 +24,8 @@ def require_display() -> None:
         raise MachineError("no display to open the viewer on: use --save FILE.rrd and open the file elsewhere")
 
 
-def open_viewer(recording: Path) -> None:
-    """Show a recording (.rrd or .mcap) in a window that stays open after this process ends.
+def open_viewer(recording: Path) -> subprocess.Popen[bytes]:
+    """Show a recording (.rrd or .mcap) in a window; its process. It reads the file whenever it comes to it.
 
     Raises:
         MachineError: there is no screen, or the viewer does not start.
@@ -35,9 +35,10 @@ def open_viewer(recording: Path) -> None:
     try:
         process.wait(_FAILS_WITHIN)
     except subprocess.TimeoutExpired:
-        return
+        return process
     if process.returncode:
         raise MachineError(f"the Rerun viewer ended with code {process.returncode}; use --save FILE.rrd instead")
+    return process
 
 
 def start_viewer(recording: Path, *options: str) -> subprocess.Popen[bytes]:

@@ -1,9 +1,7 @@
 """Many worlds stepped as one, in this process or in worker processes that hand frames over in shared memory."""
 
 import multiprocessing
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
@@ -13,6 +11,7 @@ import numpy as np
 from schemas.errors import MachineError, PipelineError
 from stages.sim.camera import CameraPose
 from stages.sim.config import WorldConfig
+from stages.sim.processes import interrupts_ignored
 from stages.sim.shared import Arrays, Shared, allocate
 
 
@@ -200,16 +199,6 @@ class _Remote:
         self._process.join(timeout=1)
         code = self._process.exitcode
         return MachineError(f"a simulation worker died (exit code {code}); what was finished is on disk: use --resume")
-
-
-@contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    """A process started here ignores Ctrl-C from its first moment: the parent decides what an interruption means."""
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
 
 
 def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, shared: Shared, rows: slice) -> None:

@@ -70,7 +70,34 @@ def test_running_and_failed_runs_are_there_with_what_they_have(tmp_path: Path) -
     write_manifest(young, "runs/study/reach-dense-orbit00-seed1", {"run": {"seed": "no number"}}, {}, status="running")
     rows = ask(tmp_path, "SELECT status, seed, final_return IS NULL FROM runs ORDER BY status")
     assert rows == [("failed", 0, False), ("running", None, True)]
-    assert ask(tmp_path, "SELECT DISTINCT run FROM evaluations") == [("study/reach-dense2sparse-orbit00-seed0",)]
+
+
+def test_logs_are_those_of_complete_and_running_runs(tmp_path: Path) -> None:
+    for seed, status in enumerate(("complete", "running", "failed")):
+        write_run(tmp_path, seed=seed, status=status)
+    assert ask(tmp_path, "SELECT seed, status FROM runs ORDER BY seed") == [
+        *((0, "complete"), (1, "running"), (2, "failed"))
+    ]
+    for view in ("transitions", "episodes", "evaluations"):
+        assert ask(tmp_path, f"SELECT DISTINCT seed FROM {view} ORDER BY seed") == [(0,), (1,)]
+    for manifest in (tmp_path / "runs").glob("*/*/manifest.json"):
+        manifest.write_text(manifest.read_text().replace('"running"', '"failed"').replace('"complete"', '"failed"'))
+    assert ask(tmp_path, "SELECT count(*) FROM transitions") == [(0,)]
+
+
+def test_failed_estimators_are_listed_without_their_files(tmp_path: Path) -> None:
+    estimator = write_estimator(tmp_path, "eye")
+    write_manifest(estimator, "estimators/eye", {}, {}, status="failed")
+    assert ask(tmp_path, "SELECT estimator, status FROM estimators") == [("eye", "failed")]
+    assert ask(tmp_path, "SELECT count(*) FROM epochs") == [(0,)]
+
+
+@pytest.mark.parametrize("text", ["", '{"id": "runs/study/', '{"name": "of another program"}'])
+def test_an_unreadable_manifest_is_an_error_that_names_it(tmp_path: Path, text: str) -> None:
+    write_run(tmp_path, seed=0)
+    (write_run(tmp_path, seed=1) / "manifest.json").write_text(text)
+    with pytest.raises(ArtifactError, match=r"reach-dense2sparse-orbit00-seed1/manifest\.json"):
+        connect(tmp_path)
 
 
 def test_datasets_and_estimators_come_from_manifests(tmp_path: Path) -> None:
@@ -90,7 +117,6 @@ def test_foreign_hidden_and_temporary_directories_are_passed_over(tmp_path: Path
     for copy in (".hidden", "half.tmp", "renamed"):
         shutil.copytree(run.parent, tmp_path / "runs" / copy)
     (tmp_path / "runs" / "foreign" / "cell").mkdir(parents=True)
-    (tmp_path / "runs" / "foreign" / "cell" / "manifest.json").write_text("{")
     (tmp_path / "runs" / "a-file").write_text("")
     (run / "transitions" / ".part-00009.parquet.tmp").write_text("half")
     (run / "transitions" / ".part-00010.parquet").write_text("half")
@@ -133,7 +159,7 @@ def test_another_schema_version_is_an_error(tmp_path: Path) -> None:
     directory = tmp_path / "datasets" / "new"
     directory.mkdir(parents=True)
     write_manifest(directory, "datasets/new", {}, {}, schema_version=tables.SCHEMA_VERSION + 1)
-    with pytest.raises(ArtifactError, match="datasets/new has schema version 2, this program reads 1"):
+    with pytest.raises(ArtifactError, match=r"datasets/new/manifest\.json was made by a newer version of the pipeline"):
         connect(tmp_path)
 
 

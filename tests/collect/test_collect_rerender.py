@@ -1,6 +1,8 @@
 """Re-rendering shows the same states from the misaligned nominal camera."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -59,7 +61,20 @@ def test_cube_is_where_the_misaligned_camera_sees_it(dataset: Path, kind: str, d
 
 
 def test_directory_without_manifest_is_an_artifact_error(tmp_path: Path) -> None:
-    with pytest.raises(ArtifactError, match=r"manifest\.json is missing or no dataset's"):
+    with pytest.raises(ArtifactError, match=r"has no manifest\.json: it is no artifact"):
+        make_rerender(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"schema_version": 99}, "made by a newer version of the pipeline"), ({"config": {}}, "is no dataset's: 'world'")],
+)
+def test_manifest_of_another_version_or_kind_is_an_artifact_error(
+    dataset: Path, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    manifest = json.loads((dataset / "manifest.json").read_text()) | change
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ArtifactError, match=said):
         make_rerender(tmp_path)
 
 

@@ -173,6 +173,30 @@ def test_interrupt_keeps_finished_episodes_and_leaves_no_half_ones(tmp_path: Pat
     assert all(len(frames(path)) == 4 for path in files)
 
 
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    """Worker processes started so far, be they still importing."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers in /proc")
+def test_interrupt_while_the_workers_start(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pipeline", "collect", "--data", tmp_path, "--set", "collect.workers=2"]
+    process = subprocess.Popen(
+        command, cwd=Path(__file__).parents[2], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        while process.poll() is None and len(workers_of(process)) < 2:
+            time.sleep(0.01)
+        time.sleep(0.2)  # they are importing
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert errors.strip().startswith("Error: interrupted") and errors.strip().count("\n") == 0
+
+
 def test_collecting_does_not_load_torch() -> None:
     code = "import sys, stages.collect.run, stages.collect.rerender; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])

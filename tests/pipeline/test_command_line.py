@@ -79,6 +79,22 @@ def test_version() -> None:
     assert CliRunner().invoke(cli, ["--version"]).output == "pipeline, version 0.1.0\n"
 
 
+def test_no_command_shows_the_help() -> None:
+    done = subprocess.run([sys.executable, "-m", "pipeline"], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("Usage: ") and done.stdout.count("Usage:") == 1
+
+
+def test_interrupted_sql(tmp_path: Path) -> None:
+    question = "SELECT sum(i * j) FROM range(1000000) a(i), range(1000000) b(j)"  # takes hours
+    command = [sys.executable, "-m", "pipeline", "sql", question, "--data", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    time.sleep(3)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=20)
+    assert (process.returncode, stdout, stderr.strip()) == (130, "", "Error: interrupted")
+
+
 def test_python_dash_m() -> None:
     done = subprocess.run([sys.executable, "-m", "pipeline", "nope"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2

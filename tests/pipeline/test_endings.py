@@ -2,12 +2,17 @@
 
 import errno
 import json
+import os
+import subprocess
+import sys
+from ctypes.util import find_library
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from pipeline.machine import require_sim
-from schemas.errors import Interrupted, MachineError
+from schemas.errors import MachineError
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
 
@@ -22,7 +27,6 @@ from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
             "unexpected ZeroDivisionError: division by zero (--debug shows where)",
         ),
         (KeyboardInterrupt(), 130, "the same command with --resume goes on from there"),
-        (Interrupted("stopped after episode 3"), 130, "stopped after episode 3"),
     ],
 )
 def test_exit_codes(run: Run, stages: Stages, error: BaseException, code: int, message: str) -> None:
@@ -56,6 +60,9 @@ def test_errors_as_json(run: Run, stages: Stages) -> None:
         (("collct",), "unknown command 'collct'; valid: collect, train-perception"),
         (("collect", "--nam", "x"), "--nam"),
         (("collect", "--name", "../x"), "name '../x' cannot be used"),
+        (("collect", "--set", "collect.keep_fraction=1.5"), "collect.keep_fraction"),
+        (("train-policy", "--set", "policy.td3.gamma=1"), "policy.td3.gamma"),
+        (("analyze", "--set", "analyze.confidence=2"), "analyze.confidence"),
         (("collect", "--profile", "huge"), "unknown profile 'huge'"),
         (("train-policy", "--estimator", "../x"), "name '../x' cannot be used"),
         (("list", "models"), "unknown kind of artifact 'models'; valid: datasets, estimators, reports, runs"),
@@ -73,6 +80,22 @@ def test_no_gl_is_said_before_anything_is_written(run: Run, stages: Stages, data
     assert run("train-policy", "--set", "policy.schemes=['oracle']").exit_code == 0  # nothing is rendered for it
 
 
+@pytest.mark.skipif(find_library("OSMesa") is not None, reason="OSMesa is here")
+@pytest.mark.parametrize("command", ["collect", "doctor"])
+def test_a_really_missing_gl(data: Path, command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline", command, "--data", str(data)],
+        env=os.environ | {"MUJOCO_GL": "osmesa", "COLUMNS": "1000"},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 4
+    assert "install EGL (`apt-get install libegl1" in (done.stdout if command == "doctor" else done.stderr)
+    assert done.stderr.startswith("Error: ") and done.stderr.count("\n") == 1
+    assert not (data / "datasets" / "default").exists()
+
+
 def test_a_simulator_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(name: str) -> None:
         raise AttributeError("'NoneType' object has no attribute 'glGetError'")  # what MuJoCo says without libEGL
@@ -88,6 +111,33 @@ def test_no_space_is_said_before_anything_is_written(
     monkeypatch.setattr("pipeline.steps.collect.space_needed", lambda config: 10**18)
     refused(run("collect", *TINY), 4, "1000000000.0 GB are needed")
     assert not (data / "datasets" / "default").exists()
+
+
+@pytest.mark.parametrize(("command", "kind"), [("train-perception", "estimators"), ("train-policy", "runs")])
+def test_no_space_to_train(
+    run: Run, stages: Stages, data: Path, monkeypatch: pytest.MonkeyPatch, command: str, kind: str
+) -> None:
+    prepare(run, "collect", *(["train-perception"] if command == "train-policy" else []))
+    monkeypatch.setattr("pipeline.artifacts.space.shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
+    refused(run(command, *TINY), 4, "free some, or choose another --data")
+    assert not list((data / kind).rglob("manifest.json"))
+
+
+def test_no_space_for_a_report(run: Run, stages: Stages, data: Path) -> None:
+    prepare(run, "collect", "train-perception", "train-policy")
+    stages.errors = {"analyze": OSError(errno.ENOSPC, "No space left on device")}
+    refused(run("analyze"), 4, "the disk is full")
+    assert list((data / "reports").iterdir()) == []
+
+
+def test_a_refused_resume_can_be_resumed(run: Run, stages: Stages, monkeypatch: pytest.MonkeyPatch) -> None:
+    stages.errors = {"collect": KeyboardInterrupt()}
+    assert run("collect", *TINY).exit_code == 130
+    stages.renderer = None
+    refused(run("collect", *TINY, "--resume"), 4, "install EGL")
+    assert answer(run("list", "--json"))["artifacts"][0]["status"] == "running"
+    stages.renderer = "back again"
+    assert answer(run("collect", *TINY, "--resume", "--json"))["did"] == "resumed"
 
 
 def test_no_gpu_where_one_is_asked_for(run: Run, stages: Stages, monkeypatch: pytest.MonkeyPatch) -> None:

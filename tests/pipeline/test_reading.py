@@ -2,6 +2,8 @@
 
 import csv
 import json
+import sys
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +16,13 @@ from PIL import Image
 
 from pipeline.artifacts.inputs import input_ref
 from pipeline.artifacts.store import Build, Request, Store
-from pipeline.camera_views import ENLARGED, write_camera_views
-from schemas.datasets import FrameRef
+from pipeline.camera_views import write_camera_views
 from schemas.errors import ArtifactError, MachineError
 from schemas.tables import FRAMES
+from stages.collect.config import CollectStageConfig
+from stages.replay.frames import View
+from stages.sim.camera import CameraPose, nominal_pose
+from stages.sim.config import CameraConfig
 from tests.pipeline.fakes import Run
 
 CELL = "runs/small/reach-dense-orbit05-seed0"
@@ -38,8 +43,8 @@ def made(store: Store, artifact_id: str, config: dict[str, Any], *inputs: str) -
 @pytest.fixture
 def family(store: Store) -> Store:
     """dataset → estimator → run."""
-    made(store, "datasets/small", {})
-    made(store, "estimators/small", {}, "datasets/small")
+    made(store, "datasets/small", CollectStageConfig().model_dump(mode="json"))
+    made(store, "estimators/small", {"perception": {"test_misalignments": [10.0, 5.0]}}, "datasets/small")
     identity = {"misalignment_kind": "orbit", "misalignment_deg": 5.0}
     made(store, CELL, {"estimator": "small", "run": identity}, "estimators/small")
     return store
@@ -84,10 +89,28 @@ def test_view_of_a_report_is_its_learning_curves(run: Run, store: Store, tmp_pat
 
 
 def test_view_opens_a_window(run: Run, family: Store, recorded: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[bytes] = []
-    monkeypatch.setattr("stages.replay.viewer.open_viewer", lambda path: opened.append(path.read_bytes()))
+    shown: list[tuple[Path, bytes]] = []
+
+    def opened(path: Path) -> Any:
+        return SimpleNamespace(wait=lambda: shown.append((path, path.read_bytes())))
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("stages.replay.viewer.open_viewer", opened)
+    monkeypatch.setattr("stages.replay.viewer.stop_viewer", lambda process: None)
     assert run("view", "datasets/small").exit_code == 0
-    assert opened == [b"rrd"]
+    [(path, content)] = shown
+    assert content == b"rrd", "the file is there until the window is closed"
+    assert not path.parent.exists()
+
+
+def test_view_without_a_display_does_nothing(
+    run: Run, family: Store, recorded: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    result = run("view", "datasets/small")
+    assert (result.exit_code, "no display" in result.stderr) == (4, sys.platform == "linux")
+    assert recorded == []
 
 
 @pytest.mark.parametrize(
@@ -124,8 +147,8 @@ def replayed(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             steps_per_second=1000.0,
         )
 
-    def export(path: Path, split: str, episode: int, save: Path, image_size: int | None) -> Any:
-        save.write_text(f"{image_size}")
+    def export(path: Path, split: str, episode: int, save: Path, view: View) -> Any:
+        save.write_text(f"{view.image_size}")
         return proof(path, split, episode)
 
     monkeypatch.setattr("stages.replay.proof.replay", proof)
@@ -214,31 +237,43 @@ def test_sql_needs_a_data_root(run: Run) -> None:
 # The report's camera views
 
 
-def test_camera_views_show_each_misalignment_once(
+def test_camera_views_show_every_tested_turn_of_one_scene(
     family: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[list[FrameRef], str, float]] = []
+    asked: list[tuple[Any, Any]] = []
 
-    def rerender(frames: list[FrameRef], kind: str, degrees: float) -> Any:
-        asked.append((frames, kind, degrees))
-        yield np.full((4, 4, 3), 7, np.uint8)
+    class Renderer(nullcontext[None]):
+        def __init__(self, scene: str, size: int, fovy: float) -> None:
+            assert (scene, size, fovy) == ("scene", 320, 43.0)
 
-    monkeypatch.setattr("stages.collect.rerender.make_rerender", lambda dataset: rerender)
-    from pipeline.artifacts.inputs import load
+        def __enter__(self) -> Any:
+            return self
 
-    write_camera_views(family, [load(family.root, CELL)] * 2, tmp_path / "figures")
-    assert asked == [([FrameRef("episodes/episode-000003.mcap", 3, 8, 350)], "orbit", 5.0)]  # the first test frame
-    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["camera-orbit05.png"]
-    assert Image.open(tmp_path / "figures" / "camera-orbit05.png").size == (ENLARGED, ENLARGED)
+        def render(self, qpos: np.ndarray, pose: CameraPose) -> np.ndarray:
+            asked.append((qpos.tolist(), pose))
+            return np.full((320, 320, 3), 7, np.uint8)
+
+    monkeypatch.setattr("stages.sim.renderer.Renderer", Renderer)
+    monkeypatch.setattr("stages.sim.scene.build_scene", lambda world: "scene")
+    monkeypatch.setattr("pipeline.camera_views._test_scene", lambda path: np.zeros(2))
+    write_camera_views(family, ["estimators/small"], tmp_path / "figures")
+    turns = {"0°", "orbit 5°", "orbit 10°", "pan 5°", "pan 10°"}
+    assert {path.stem.removeprefix("camera-") for path in (tmp_path / "figures").iterdir()} == turns
+    assert Image.open(tmp_path / "figures" / "camera-pan 5°.png").size == (320, 320)
+    assert all(qpos == [0.0, 0.0] for qpos, _ in asked)
+    nominal = nominal_pose(CameraConfig())
+    assert [np.allclose(pose.position, nominal.position) for _, pose in asked] == [True, False, False, True, True]
 
 
-def test_a_report_does_without_camera_views(family: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_gl(dataset: Path) -> Any:
+@pytest.mark.parametrize("broken", ["pipeline.camera_views.require_sim", "stages.sim.scene.build_scene"])
+def test_a_report_does_without_camera_views(
+    family: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    def no_gl(*given: Any) -> Any:
         raise MachineError("no OpenGL")
 
-    monkeypatch.setattr("stages.collect.rerender.make_rerender", no_gl)
-    from pipeline.artifacts.inputs import load
-
-    write_camera_views(family, [load(family.root, CELL)], tmp_path / "figures")
+    monkeypatch.setattr("pipeline.camera_views._test_scene", lambda path: np.zeros(2))
+    monkeypatch.setattr(broken, no_gl)
+    write_camera_views(family, ["estimators/small"], tmp_path / "figures")
     write_camera_views(family, [], tmp_path / "figures")
-    assert list((tmp_path / "figures").iterdir()) == []
+    assert not list(tmp_path.rglob("*.png"))

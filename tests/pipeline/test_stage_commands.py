@@ -1,13 +1,16 @@
 """Each stage's command over a fake stage: what it asks of the stage, and what becomes an artifact."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from pipeline.artifacts.inputs import load_complete
 from pipeline.artifacts.manifests import read_manifest
-from pipeline.artifacts.store import Store
+from pipeline.artifacts.store import Build, Store
+from pipeline.matrix import cells
+from pipeline.steps import policy
+from stages.policy.config import MatrixConfig
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
 DENSE, ORACLE = "runs/default/reach-dense-orbit00-seed0", "runs/default/reach-oracle-orbit00-seed0"
@@ -178,9 +181,52 @@ def test_analyze_everything_that_is_finished(run: Run, stages: Stages, store: St
 def test_analyze_what_is_named(run: Run, stages: Stages) -> None:
     prepare(run, "collect", "train-perception", "train-policy")
     made = answer(run("analyze", "--name", "one", "--runs", ORACLE.removeprefix("runs/"), "--json"))
-    assert (made["id"], stages.options["analyze"]["estimators"]) == ("reports/one", [])
+    assert (made["id"], stages.options["analyze"]["estimators"]) == ("reports/one", ["default"])
     assert stages.options["analyze"]["runs"] == [ORACLE.removeprefix("runs/")]
     refused(run("analyze", "--runs", "nobody"), 3, "no run 'nobody'")
+
+
+def test_a_report_on_runs_pins_their_estimators(run: Run, stages: Stages, store: Store, data: Path) -> None:
+    prepare(run, "collect", "train-perception", "train-policy")
+    asked = ("analyze", "--runs", "default", "--json")
+    answer(run(*asked))
+    pinned = [ref.id for ref in load_complete(store.root, "reports/default").inputs]
+    assert pinned == [DENSE, ORACLE, "estimators/default"]
+    (data / "estimators" / "default").rename(data / "elsewhere")
+    answer(run(*asked))
+    assert [ref.id for ref in load_complete(store.root, "reports/default").inputs] == [DENSE, ORACLE]
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda path: (path / "estimator.safetensors").write_bytes(b"w"), "1 bytes instead of 7"),
+        (lambda path: (path / "estimator.safetensors").write_bytes(b"WEIGHTS"), "is not what was written"),
+        (lambda path: (path / "manifest.json").write_text('{"name": "theirs"}'), "no manifest of this pipeline"),
+        (lambda path: (path / "manifest.json").write_text('{"schema_version": 99}'), "made by a newer version"),
+    ],
+)
+def test_a_damaged_estimator_is_refused(run: Run, stages: Stages, data: Path, damage: Any, message: str) -> None:
+    prepare(run, "collect", "train-perception")
+    damage(data / "estimators" / "default")
+    refused(run("train-policy"), 3, message)
+    assert "train-policy" not in stages.calls
+    assert not list((data / "runs").rglob("manifest.json"))
+
+
+def test_an_estimator_of_another_robot_is_refused(run: Run, stages: Stages, data: Path) -> None:
+    prepare(run, "collect", "train-perception")
+    sawyer = ("train-policy", *TINY, "--set", "world.robot=Sawyer")
+    refused(run(*sawyer), 2, "estimators/default learned from images of Panda (datasets/default), but world.robot is")
+    refused(run(*sawyer, "--dry-run"), 2, "use --set world.robot=Panda, or an estimator of Sawyer")
+    (data / "datasets" / "default").rename(data / "elsewhere")
+    assert run(*sawyer).exit_code == 0, "what the estimator saw is not known any more"
+
+
+def test_episodes_of_a_run_count_every_evaluation() -> None:
+    [cell] = cells(MatrixConfig(schemes=("dense",), episodes=50, eval_every=20, eval_episodes=5, final_episodes=7))
+    work = policy.Work(cell, cast(Build, None))
+    assert policy.space_needed([work, work], horizon=10) == 2 * policy.BYTES_PER_STEP * 10 * (50 + 2 * 5 + 7)
 
 
 def test_a_report_follows_its_inputs(run: Run, stages: Stages) -> None:

@@ -13,7 +13,7 @@ from pipeline.artifacts.lock import is_held
 from pipeline.artifacts.manifests import config_sha256, differences, file_sha256, read_manifest
 from pipeline.artifacts.names import check_name, existing_ids
 from pipeline.artifacts.store import Request, Store
-from schemas.errors import ArtifactError, ConfigError, Interrupted, MachineError
+from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.manifest import InputRef, Manifest
 from tests.pipeline.fakes import begin
 
@@ -52,7 +52,7 @@ def test_ids_name_a_kind_and_the_right_number_of_names(store: Store) -> None:
 
 
 def test_complete_artifact(store: Store, dataset: Path) -> None:
-    manifest = load_complete(store.root, "datasets/small", deep=True)
+    manifest = load_complete(store.root, "datasets/small")
     assert (manifest.status, manifest.stage, manifest.name) == ("complete", "collect", "small")
     assert [(file.path, file.bytes) for file in manifest.files] == [
         ("episodes/episode-000000.mcap", 4),
@@ -96,7 +96,7 @@ def test_number_of_workers_is_no_difference(store: Store) -> None:
     assert differences(few, {"collect": {"seed": 1}}) == ["collect.seed: 0 → 1"]
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted("stop")])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), MachineError("no GPU"), OSError(errno.ENOSPC, "full")])
 def test_interrupted_needs_resume(store: Store, error: BaseException) -> None:
     interrupt(store, ASKED, error)
     assert read_manifest(store.path(ASKED.id), ASKED.id).status == "running"
@@ -115,8 +115,25 @@ def test_interrupted_with_another_config_is_not_resumed(store: Store) -> None:
         store.begin(OTHER, resume=True)
 
 
-def test_an_error_is_recorded_and_can_be_resumed(store: Store) -> None:
-    interrupt(store, ASKED, MachineError("NaN at step 7"))
+def test_a_refused_resume_changes_nothing(store: Store) -> None:
+    interrupt(store, ASKED, KeyboardInterrupt())
+    with pytest.raises(MachineError), begin(store, ASKED, resume=True):
+        raise MachineError("no GPU")
+    assert read_manifest(store.path(ASKED.id), ASKED.id).status == "running"
+    assert (store.path(ASKED.id) / "half").read_text() == "half"
+
+
+def test_what_was_there_empty_is_kept(store: Store) -> None:
+    interrupt(store, ASKED, KeyboardInterrupt())
+    (store.path(ASKED.id) / "half").unlink()
+    with pytest.raises(MachineError), begin(store, ASKED, resume=True):
+        raise MachineError("no GPU")
+    assert read_manifest(store.path(ASKED.id), ASKED.id).status == "running"
+
+
+def test_a_reported_failure_is_recorded_and_can_be_resumed(store: Store) -> None:
+    with begin(store, ASKED) as build:
+        build.fail("NaN at step 7")
     manifest = read_manifest(store.path(ASKED.id), ASKED.id)
     assert (manifest.status, manifest.summary) == ("failed", {"error": "NaN at step 7"})
     with pytest.raises(ConfigError, match=r"failed earlier \(NaN at step 7\): add --resume"):
@@ -173,6 +190,16 @@ def test_a_report_is_absent_until_it_is_complete(store: Store) -> None:
 
 def test_an_interrupted_report_leaves_nothing(store: Store) -> None:
     interrupt(store, REPORT, KeyboardInterrupt())
+    assert list((store.root / "reports").iterdir()) == []
+
+
+def test_a_report_that_cannot_be_finished_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, target: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("pipeline.artifacts.store.publish", full)
+    with pytest.raises(OSError, match="No space left"), begin(store, REPORT) as build:
+        build.finish({})
     assert list((store.root / "reports").iterdir()) == []
 
 

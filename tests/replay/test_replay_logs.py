@@ -102,7 +102,7 @@ def test_an_episode_cut_short_is_incomplete(fresh_run: MakeRun):
 def test_a_newer_schema_version_is_refused(fresh_run: MakeRun):
     run = fresh_run(episodes=1, steps=2)
     edit_manifest(run, schema_version=99)
-    with pytest.raises(ArtifactError, match="schema version 99"):
+    with pytest.raises(ArtifactError, match="made by a newer version of the pipeline .schema 99"):
         load_episode(run, "final", 0)
 
 
@@ -114,5 +114,5 @@ def test_a_dataset_is_no_run(fresh_run: MakeRun):
 
 
 def test_a_directory_without_manifest(tmp_path: Path):
-    with pytest.raises(ArtifactError, match="no artifact in"):
+    with pytest.raises(ArtifactError, match="is no artifact of this pipeline"):
         load_episode(tmp_path, "final", 0)

@@ -11,10 +11,16 @@ from rerun.chunk import Chunk, McapReader, RrdReader
 from rerun_blueprints.episode import episode_blueprint
 from schemas import entities
 from schemas.errors import ArtifactError, ConfigError, PipelineError
-from stages.replay.frames import encode, run_camera
+from stages.replay.dataset_track import dataset_track
+from stages.replay.frames import View, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.recording import record_dataset_episode, record_episode
-from stages.sim.config import CameraConfig
+from stages.replay.rollout import roll_out
+from stages.replay.run_track import run_track
+from stages.sim.camera import nominal_pose
+from stages.sim.config import CameraConfig, WorldConfig
+from stages.sim.renderer import link_meshes
+from stages.sim.scene import build_scene
 from tests.replay.test_replay_blueprints import views
 from tests.replay.tiny_run import ESTIMATOR, edit_manifest, tamper
 
@@ -129,7 +135,7 @@ def test_the_camera_is_the_estimators_misaligned_as_the_run_says(run_dir: Path):
     assert angle == pytest.approx(5.0)
     assert camera.pose.position[2] == pytest.approx(CameraConfig().position[2])
     assert camera.intrinsics.size == 64
-    assert run_camera(load_episode(run_dir, "final", 0), image_size=200).intrinsics.size == 200
+    assert run_camera(load_episode(run_dir, "final", 0), View(image_size=200)).intrinsics.size == 200
 
 
 @pytest.mark.parametrize(("content", "said"), [(None, "is gone"), ("{}", "is damaged"), ("[", "is damaged")])
@@ -147,10 +153,29 @@ def test_a_place_that_does_not_exist_is_wrong_usage_and_leaves_nothing(run_dir: 
         record_episode(run_dir, "final", 0, tmp_path / "nowhere" / "e.rrd")
 
 
-def test_small_frames_are_kept_exactly_large_ones_compressed():
-    image = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    assert encode(image)[1] == "image/png"
-    assert encode(image.repeat(4, 0).repeat(4, 1))[1] == "image/jpeg"
+def test_another_view_turns_the_camera_and_nothing_else(run_dir: Path):
+    logged = load_episode(run_dir, "final", 0)
+    own, turned = run_camera(logged), run_camera(logged, View(misalignment_deg=0.0))
+    assert own.misalignment == "orbit 5°"
+    assert turned.misalignment == "orbit 0°"
+    assert np.array_equal(turned.pose.position, nominal_pose(CameraConfig()).position)
+    panned = run_camera(logged, View(misalignment_kind="pan"))  # by the run's 5°
+    assert np.array_equal(panned.pose.position, turned.pose.position)
+    assert np.degrees(np.arccos((np.trace(panned.pose.rotation.T @ turned.pose.rotation) - 1) / 2)) == pytest.approx(5)
+    assert own.config == turned.config == panned.config
+
+
+def test_small_frames_are_kept_exactly_large_ones_compressed(run_dir: Path):
+    logged = load_episode(run_dir, "final", 0)
+    assert run_camera(logged, View(image_size=128)).image_format == "png"
+    assert run_camera(logged, View(image_size=256)).image_format == "jpeg"
+
+
+def test_links_come_in_the_order_of_the_scene_in_every_process(run_dir: Path, dataset_dir: Path):
+    logged = load_episode(run_dir, "final", 0)
+    order = list(dict.fromkeys(mesh.link for mesh in link_meshes(build_scene(WorldConfig()))))
+    assert list(run_track(logged, roll_out(logged)).links) == order
+    assert list(dataset_track(dataset_dir, 0).links) == order
 
 
 def test_a_datasets_episode_is_shown_from_its_file(dataset_dir: Path, tmp_path: Path):

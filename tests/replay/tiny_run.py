@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from schemas.files import write_parquet
 from schemas.mcap_files import read_messages
 from schemas.mcap_topics import CUBE_POSE
-from schemas.tables import EPISODES, FRAMES, transitions
+from schemas.tables import EPISODES, FRAMES, SCHEMA_VERSION, transitions
 from stages.replay.export import export_episode
 from stages.sim.config import CameraConfig, WorldConfig
 from stages.sim.scene import build_scene
@@ -181,6 +181,7 @@ def _manifest(task: str) -> dict[str, Any]:
         "id": f"runs/{RUN_NAME}/{CELL}",
         "stage": "train-policy",
         "name": f"{RUN_NAME}/{CELL}",
+        "schema_version": SCHEMA_VERSION,
         "status": "complete",
         "created_at": "2026-01-01T00:00:00+00:00",
         "config": {

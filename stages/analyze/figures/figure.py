@@ -44,6 +44,7 @@ def by_setting(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def setting(row: Row) -> tuple[str, str, float]:
+    """What the rows of one panel share: study, kind and degrees of the misalignment."""
     return row["name"], row["misalignment_kind"], row["misalignment_deg"]
 
 
@@ -53,4 +54,5 @@ def values(rows: Sequence[Row], **computed: Callable[[Row], object]) -> alt.Inli
 
 
 def centimetres(metres: float | None) -> float | None:
+    """[m] → [cm]; what was not measured stays so."""
     return None if metres is None else 100.0 * metres
