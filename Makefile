@@ -1,4 +1,4 @@
-# make demo · make test · make check     (PYTHON=python3.12 make … for another interpreter)
+# make demo · make test · make check · make bench     (PYTHON=python3.12 make … for another interpreter)
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -7,12 +7,12 @@ APT := DEBIAN_FRONTEND=noninteractive apt-get
 GL_CHECK := $(BIN)/python -c "from stages.sim.gl import gl_renderer; print('OpenGL:', gl_renderer())"
 WITH_GL = MUJOCO_GL=$${MUJOCO_GL:-$$(cat .venv/gl)}
 
-.PHONY: demo test check format gl clean
+.PHONY: demo test check bench format gl clean
 
 demo: gl
 	$(WITH_GL) $(BIN)/pipeline run demo
 
-test: gl
+test: gl .venv/bench
 	$(WITH_GL) $(BIN)/pytest -n 2 --dist loadfile --durations 10
 
 check: .venv/installed
@@ -20,6 +20,14 @@ check: .venv/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# What the benchmarks compare with: the public packages, which the pipeline itself does not need.
+bench: gl .venv/bench
+	@echo "now: $(BIN)/python -m benchmarks --help"
+
+.venv/bench: .venv/installed requirements-bench.lock
+	$(BIN)/python -m pip install --quiet --no-deps --requirement requirements-bench.lock
+	@touch $@
 
 format: .venv/installed
 	$(BIN)/ruff check --fix .

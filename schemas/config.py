@@ -1,6 +1,12 @@
-"""Base of every configuration model."""
+"""Base of every configuration model, and what several of them say."""
+
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
+
+Device = Literal["cpu", "cuda"]
+Precision = Literal["float32", "bfloat16"]
+"""Arithmetic of a network's large products; weights, sums and results are float32 in either."""
 
 
 class Config(BaseModel):

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.JointState_pb2 import JointState
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -39,6 +38,9 @@ CUBE_FRAME = "cube"
 
 EPISODE_METADATA = "episode"  # name of the metadata record
 
+_NANOSECONDS = 1_000_000_000  # of a second
+_NO_ROTATION = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]  # R (3, 3) of a camera that is not rectified
+
 Message = CompressedImage | CameraCalibration | FrameTransforms | PoseInFrame | JointStates | Action | SimState
 Placement = tuple[np.ndarray, np.ndarray]
 """Position (3,) [m] and orientation (w, x, y, z) of a frame in the world."""
@@ -51,7 +53,7 @@ def image(time_ns: int, data: bytes, image_format: str) -> CompressedImage:
 
 def calibration(time_ns: int, size: int, intrinsics: np.ndarray) -> CameraCalibration:
     """A square pinhole image of `size` pixels without distortion; `intrinsics` is K (3, 3)."""
-    projection = np.hstack([intrinsics, np.zeros((3, 1))])  # (3, 4)
+    rows = intrinsics.tolist()
     return CameraCalibration(
         timestamp=_timestamp(time_ns),
         frame_id=CAMERA_FRAME,
@@ -59,27 +61,30 @@ def calibration(time_ns: int, size: int, intrinsics: np.ndarray) -> CameraCalibr
         height=size,
         distortion_model="plumb_bob",
         D=[0.0] * 5,
-        K=intrinsics.ravel().tolist(),
-        R=np.eye(3).ravel().tolist(),
-        P=projection.ravel().tolist(),
+        K=[value for row in rows for value in row],
+        R=_NO_ROTATION,
+        P=[value for row in rows for value in (*row, 0.0)],  # (3, 4), its last column zero
     )
 
 
-def transforms(time_ns: int, frames: Mapping[str, Placement]) -> FrameTransforms:
-    """T_world_child of every child frame."""
-    stamp = _timestamp(time_ns)
-    return FrameTransforms(
-        transforms=[
-            FrameTransform(
-                timestamp=stamp,
-                parent_frame_id=WORLD_FRAME,
-                child_frame_id=child,
-                translation=_vector(position),
-                rotation=_quaternion(quaternion),
-            )
-            for child, (position, quaternion) in frames.items()
-        ]
-    )
+def transforms(
+    time_ns: int, frames: Mapping[str, Placement], message: FrameTransforms | None = None
+) -> FrameTransforms:
+    """T_world_child of every child frame.
+
+    `message`, an earlier one of the same frames, is filled in anew and returned: half the work of making one.
+    """
+    if message is None:
+        message = FrameTransforms()
+        for child in frames:
+            message.transforms.add(parent_frame_id=WORLD_FRAME, child_frame_id=child)
+    seconds, nanos = divmod(int(time_ns), _NANOSECONDS)
+    for transform, (position, quaternion) in zip(message.transforms, frames.values(), strict=True):
+        stamp, translation, rotation = transform.timestamp, transform.translation, transform.rotation
+        stamp.seconds, stamp.nanos = seconds, nanos
+        translation.x, translation.y, translation.z = position.tolist()
+        rotation.w, rotation.x, rotation.y, rotation.z = quaternion.tolist()
+    return message
 
 
 def cube_pose(time_ns: int, position: np.ndarray, quaternion: np.ndarray) -> PoseInFrame:
@@ -116,7 +121,7 @@ def placement(message: FrameTransforms, child: str) -> Placement:
 
 
 def _timestamp(time_ns: int) -> Timestamp:
-    seconds, nanos = divmod(int(time_ns), 1_000_000_000)
+    seconds, nanos = divmod(int(time_ns), _NANOSECONDS)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 

@@ -29,6 +29,7 @@ class Collector:
         self._config, self._out, self._dataset = config, out, dataset
         self._actor_factory = actor_factory
         self._config_sha256 = config_sha256(config)
+        self._worlds: dict[str, World] = {}
 
     def collect(self, plan: EpisodePlan) -> EpisodeResult:
         """The episode's result, from its file when that is whole and of this configuration, else after running it.
@@ -55,7 +56,7 @@ class Collector:
         return read_episode(path, plan, self._dataset, self._config_sha256)
 
     def _make(self, path: Path, plan: EpisodePlan) -> None:
-        collect, world = self._config.collect, World(self._scene, plan.task)
+        collect, world = self._config.collect, self._world(plan.task)
         initial_state = sample_initial_state(self._scene, plan.task, plan.rng(Stream.INITIAL_STATE))
         behaviour = make_behaviour(plan.behaviour, collect.action_noise, plan.rng(Stream.ACTION), self._actor)
         episode = simulate(world, plan, initial_state, behaviour, collect.steps)
@@ -66,6 +67,12 @@ class Collector:
         collect = self._config.collect
         nominal, rng = nominal_pose(self._config.camera), plan.rng(Stream.CAMERA)
         return displaced(nominal, rng, collect.camera_translation, collect.camera_rotation)
+
+    def _world(self, task: str) -> World:
+        """One world for all episodes of a task: resetting leaves nothing of the episode before."""
+        if task not in self._worlds:
+            self._worlds[task] = World(self._scene, task)
+        return self._worlds[task]
 
     @cached_property
     def _scene(self) -> Scene:

@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
@@ -26,30 +28,37 @@ class Recorder:
     def __init__(self, config: CollectStageConfig, renderer: Renderer, joint_names: tuple[str, ...]) -> None:
         self._config, self._renderer, self._joint_names = config, renderer, joint_names
         self._intrinsics = intrinsics(config.camera).matrix
+        self._transforms: mcap_topics.FrameTransforms | None = None  # filled in anew for each frame
 
     def record(self, path: Path, plan: EpisodePlan, episode: Episode, camera: CameraPose) -> None:
-        """Write the whole file; it appears at `path` only when complete."""
+        """Write the whole file; it appears at `path` only when complete, and is durable after `make_durable`."""
         kept = {snapshot.step: snapshot for snapshot in episode.kept}
-        with mcap_files.create(path, self._config.collect.compression) as writer:
-            writer.add_metadata(mcap_topics.EPISODE_METADATA, episode_metadata(self._config, plan, episode, camera))
+        metadata = episode_metadata(self._config, plan, episode, camera)
+        placement = camera.position, camera.quaternion
+        with mcap_files.create(path, self._config.collect.compression, durable=False) as writer:
+            writer.add_metadata(mcap_topics.EPISODE_METADATA, metadata)
             for step, time_ns in enumerate(episode.times_ns):
                 if step in kept:
-                    self._write_frame(writer, time_ns, kept[step], camera)
+                    picture = self._renderer.render(kept[step].qpos, camera)
+                    self._write_frame(writer, time_ns, kept[step], picture, placement)
                 if step in kept or step == 0:
                     _write_state(writer, time_ns, kept.get(step, episode.initial))
                 action = mcap_topics.action(time_ns, step, episode.actions[step])
                 mcap_files.write(writer, mcap_topics.ACTION, time_ns, action)
 
-    def _write_frame(self, writer: Writer, time_ns: int, snapshot: Snapshot, camera: CameraPose) -> None:
+    def _write_frame(
+        self, writer: Writer, time_ns: int, snapshot: Snapshot, picture: np.ndarray, camera: mcap_topics.Placement
+    ) -> None:
         config, state, joints = self._config, snapshot.state, self._joint_names
-        frames = {mcap_topics.CAMERA_FRAME: (camera.position, camera.quaternion)} | snapshot.links
-        picture = encode(self._renderer.render(snapshot.qpos, camera), config.collect.image_format)
+        frames = {mcap_topics.CAMERA_FRAME: camera} | snapshot.links
+        data = encode(picture, config.collect.image_format, chunked=True)
+        self._transforms = mcap_topics.transforms(time_ns, frames, self._transforms)
         messages: dict[str, mcap_topics.Message] = {
-            mcap_topics.TF: mcap_topics.transforms(time_ns, frames),
+            mcap_topics.TF: self._transforms,
             mcap_topics.CAMERA_CALIBRATION: mcap_topics.calibration(
                 time_ns, config.camera.image_size, self._intrinsics
             ),
-            mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, picture, config.collect.image_format),
+            mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, data, config.collect.image_format),
             mcap_topics.CUBE_POSE: mcap_topics.cube_pose(time_ns, state["cube_position"], state["cube_quaternion"]),
             mcap_topics.ROBOT_JOINTS: mcap_topics.joint_states(time_ns, joints, state["qpos"], state["qvel"]),
         }
@@ -77,10 +86,16 @@ def episode_metadata(
         "camera_rotation": json.dumps(turn.tolist()),  # rotation vector [degrees], nominal camera's axes
         "config_sha256": config_sha256(config),
         "schema_version": str(SCHEMA_VERSION),
-        "versions": json.dumps({package: version(package) for package in _VERSIONED}),
+        "versions": _versions(),
     }
 
 
+@lru_cache
+def _versions() -> str:
+    return json.dumps({package: version(package) for package in _VERSIONED})
+
+
+@lru_cache
 def config_sha256(config: CollectStageConfig) -> str:
     """Hash of all that the episodes depend on: not of where they are made."""
     identity = config.model_dump(mode="json", exclude={"collect": {"workers"}})

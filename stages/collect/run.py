@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from schemas.errors import MachineError
 from schemas.files import write_parquet
+from schemas.mcap_files import make_durable
 from schemas.progress import Progress
 from schemas.tables import FRAMES
 from stages.collect.behaviours import ActorFactory
@@ -44,6 +45,8 @@ def run(
             task.advance()
             task.note(f"{len(results) * frames_per_episode(config.collect)} frames")
     results.sort(key=lambda result: result.plan.episode)
+    with no_space_is_machine_error(out / "episodes"):
+        make_durable(out / "episodes")
     _write_frames(results, config, out)
     return _summary(results) | {"wall_time_s": time.monotonic() - started}
 

@@ -1,13 +1,10 @@
 """Configuration of estimator training (SPEC §4)."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
-from schemas.config import Config
-
-Device = Literal["cpu", "cuda"]
-Precision = Literal["float32", "bfloat16"]
+from schemas.config import Config, Device, Precision
 
 
 class PerceptionConfig(Config):

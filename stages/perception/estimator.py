@@ -11,12 +11,11 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from schemas.config import Config
+from schemas.config import Config, Precision
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
 from schemas.tables import SCHEMA_VERSION
-from stages.perception.config import Precision
-from stages.perception.device import arithmetic, torch_device
+from stages.device import arithmetic, torch_device
 from stages.perception.frozen import FrozenResNet34
 from stages.perception.normalisation import Normalisation, Triple
 from stages.perception.resnet34 import ResNet34

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d, max_pool2d
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from stages.perception.device import has_onednn
+from stages.device import has_onednn
 from stages.perception.resnet34 import STAGES, BasicBlock, ResNet34
 
 

@@ -16,10 +16,10 @@ from schemas.errors import ArtifactError, MachineError
 from schemas.files import write_parquet
 from schemas.progress import Progress, Task
 from schemas.tables import EPOCHS
+from stages.device import arithmetic, torch_device
 from stages.perception.checkpoint import DIRECTORY, TrainingState, restore_checkpoint, save_checkpoint
 from stages.perception.config import PerceptionConfig
 from stages.perception.dataset import Frames, load_frames
-from stages.perception.device import arithmetic, torch_device
 from stages.perception.estimator import Estimator, EstimatorCard, save_estimator
 from stages.perception.evaluation import evaluate
 from stages.perception.metrics import ErrorSummary, summarise

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from schemas.config import Config
+from schemas.config import Config, Precision
 from stages.sim.config import MisalignmentKind, TaskName, WorldConfig
 
 Scheme = Literal["dense", "sparse", "oracle", "dense2sparse"]
@@ -33,6 +33,8 @@ class TD3Config(Config):
     """Standard deviation of the Gaussian noise on training actions, of the normalised range."""
     buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
+    precision: Precision = "bfloat16"
+    """Arithmetic of the hidden layers in updates; float32 where a CPU has no bfloat16."""
 
 
 class RunConfig(Config):
@@ -72,10 +74,10 @@ class MatrixConfig(RunConfig):
     misalignment_degrees: Annotated[tuple[Degrees, ...], Field(min_length=1)] = (0.0,)
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     device: Literal["cpu", "cuda"] = "cpu"
-    workers: Annotated[int, Field(ge=0, le=256)] = 1
-    """Processes that simulate and render; 0: in this process. The logs do not depend on it."""
-    threads: Annotated[int, Field(ge=1, le=256)] = 1
-    """CPU threads of the networks."""
+    workers: Annotated[int, Field(ge=0, le=256)] | None = None
+    """Processes that simulate and render; 0: in this process. Default: one per core. The logs do not depend on it."""
+    threads: Annotated[int, Field(ge=1, le=256)] | None = None
+    """CPU threads of the networks. Default: one per core. The logs do not depend on it."""
     reach: dict[str, Any] = Field(default={})
     """Keys of this section that differ for reach."""
     lift: dict[str, Any] = Field(default={})

@@ -1,5 +1,7 @@
 """The Parquet logs of one run (SPEC §5): transitions in parts, episodes, evaluations, updates."""
 
+import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,12 @@ import pyarrow.parquet as pq
 
 from schemas import tables
 from schemas.errors import ArtifactError
-from schemas.files import write_parquet
+from schemas.files import fsync_directory, write_parquet
 from stages.policy.config import RunSpec
 
 _TABLES = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
+PART_ROWS = 200_000
+"""Rows that a finished run's parts have at least, but for the last: opening a file takes as long as reading 50,000."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +44,15 @@ class RunLog:
             "misalignment_deg": spec.misalignment_deg,
             "seed": spec.seed,
         }
-        self._pending: list[pa.Table] = []
+        self._pending: list[tuple[EpisodeHead, dict[str, np.ndarray]]] = []
         self._parts = 0
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
-        (self._out / "transitions").mkdir(exist_ok=True)
+        self._tables: dict[str, pa.Table] = {name: schema.empty_table() for name, schema in _TABLES.items()}
+        self._directory.mkdir(exist_ok=True)
 
     def add_transitions(self, head: EpisodeHead, columns: dict[str, np.ndarray]) -> None:
         """One episode's transitions; `columns` as `EpisodeColumns.of_run` gives them."""
-        self._pending.append(_transitions_table(self._schema, self._identity, head, columns))
+        self._pending.append((head, columns))
 
     def add(self, table: str, row: dict[str, Any]) -> None:
         """A row of `episodes`, `evaluations` or `updates`, without the run's identity."""
@@ -58,12 +63,20 @@ class RunLog:
         return self._rows[table]
 
     def flush(self) -> None:
-        """Write what was added."""
+        """Write what was added since the last time. Where nothing was, the run is over: its parts are merged."""
+        news = [name for name, table in self._tables.items() if len(self._rows[name]) > table.num_rows]
+        if not news and not self._pending:
+            self._merge_parts()
         if self._pending:
-            write_parquet(pa.concat_tables(self._pending), self._part(self._parts))
+            path = self._directory / f"part-{self._parts:05d}.parquet"
+            write_parquet(_transitions_table(self._schema, self._identity, self._pending), path)
             self._pending, self._parts = [], self._parts + 1
-        for name, schema in _TABLES.items():
-            write_parquet(self._table(name, schema), self._out / f"{name}.parquet")
+        for name in news:
+            self._extend(name)
+        for name, table in self._tables.items():
+            path = self._out / f"{name}.parquet"
+            if name in news or not path.exists():
+                write_parquet(table, path)
 
     def counts(self) -> dict[str, int]:
         """How much is on disk, for a checkpoint to remember."""
@@ -75,7 +88,8 @@ class RunLog:
         Raises:
             ArtifactError: less is on disk than the checkpoint remembers.
         """
-        for path in sorted((self._out / "transitions").glob("part-*.parquet"))[counts["parts"] :]:
+        self._undo_unfinished_merge()
+        for path in self._paths()[counts["parts"] :]:
             path.unlink()
         self._parts = counts["parts"]
         for name in _TABLES:
@@ -83,50 +97,118 @@ class RunLog:
             rows = _read(path).drop_columns(list(self._identity)).to_pylist() if counts[name] else []
             if len(rows) < counts[name]:
                 raise ArtifactError(f"{path} has {len(rows)} rows, its checkpoint {counts[name]}: the run is damaged")
-            self._rows[name] = rows[: counts[name]]
+            self._rows[name], self._tables[name] = rows[: counts[name]], _TABLES[name].empty_table()
+            path.unlink(missing_ok=True)
+            self._extend(name)
+            write_parquet(self._tables[name], path)
 
     def training_transitions(self) -> dict[str, np.ndarray]:
         """The training rows on disk, in order: the source of the replay buffer on resume."""
         columns = ["observation", "action", "reward_used", "reward_sparse", "next_observation", "terminated", "episode"]
-        parts = [_read(self._part(part)) for part in range(self._parts)]
+        parts = [_read(path) for path in self._paths()]
         table = pa.concat_tables(parts) if parts else self._schema.empty_table()
         table = table.filter(pa.compute.equal(table["split"].cast(pa.string()), "train")).select(columns)
         return {name: _to_numpy(table[name]) for name in columns}
 
-    def _part(self, index: int) -> Path:
-        return self._out / "transitions" / f"part-{index:05d}.parquet"
+    @property
+    def _directory(self) -> Path:
+        return self._out / "transitions"
 
-    def _table(self, name: str, schema: pa.Schema) -> pa.Table:
-        return pa.Table.from_pylist([self._identity | row for row in self._rows[name]], schema=schema)
+    def _paths(self) -> list[Path]:
+        return sorted(self._directory.glob("part-*.parquet"))
+
+    def _extend(self, name: str) -> None:
+        """Bring a table up to its rows: only the new ones are converted."""
+        table = self._tables[name]
+        new = [self._identity | row for row in self._rows[name][table.num_rows :]]
+        joined = pa.concat_tables([table, pa.Table.from_pylist(new, schema=table.schema)])
+        self._tables[name] = joined.unify_dictionaries().combine_chunks()
+
+    def _merge_parts(self) -> None:
+        """Put the parts of a run that is over into few files: a study is then queried in a tenth of the time.
+
+        Written beside, then swapped; a kill in between is undone by `restore`.
+        """
+        merged, parts = self._out / ".transitions.tmp", self._out / ".transitions.parts"
+        shutil.rmtree(merged, ignore_errors=True)
+        groups = list(_groups(self._paths()))
+        if len(groups) == self._parts:
+            return
+        merged.mkdir()
+        for number, group in enumerate(groups):
+            table = pa.concat_tables([_read(path) for path in group]).unify_dictionaries().combine_chunks()
+            write_parquet(table, merged / f"part-{number:05d}.parquet")
+        self._directory.rename(parts)
+        merged.rename(self._directory)
+        fsync_directory(self._out)
+        parts.rename(merged)  # from here on the merged parts count
+        shutil.rmtree(merged)
+
+    def _undo_unfinished_merge(self) -> None:
+        parts = self._out / ".transitions.parts"
+        if parts.exists():
+            shutil.rmtree(self._directory, ignore_errors=True)
+            parts.rename(self._directory)
+        shutil.rmtree(self._out / ".transitions.tmp", ignore_errors=True)
+
+
+def _groups(paths: list[Path]) -> Iterator[list[Path]]:
+    """Neighbours whose rows together are `PART_ROWS` or a little more."""
+    group: list[Path] = []
+    rows = 0
+    for path in paths:
+        group.append(path)
+        rows += pq.read_metadata(path).num_rows
+        if rows >= PART_ROWS:
+            yield group
+            group, rows = [], 0
+    if group:
+        yield group
 
 
 def _transitions_table(
-    schema: pa.Schema, identity: dict[str, Any], head: EpisodeHead, columns: dict[str, np.ndarray]
+    schema: pa.Schema, identity: dict[str, Any], episodes: list[tuple[EpisodeHead, dict[str, np.ndarray]]]
 ) -> pa.Table:
-    steps = len(columns["time_ns"])
-    training = head.split == "train"
-    constants = identity | {"split": head.split, "episode": head.episode, "phase": head.phase, "terminated": False}
-    numbers = np.arange(steps)
-    varying = columns | {
-        "step": numbers,
-        "global_step": head.global_step + (numbers if training else np.zeros(steps, np.int64)),
-        "truncated": numbers == steps - 1,
-    }
+    """Whole episodes, one after the other."""
+    heads = [head for head, _ in episodes]
+    lengths = np.array([len(columns["time_ns"]) for _, columns in episodes])
+    steps = np.concatenate([np.arange(length) for length in lengths])
+    total = len(steps)
+    joined = {name: np.concatenate([columns[name] for _, columns in episodes]) for name in episodes[0][1]}
     for name in ("eef", "cube_true", "cube_est"):
-        varying |= {f"{name}_{axis}": columns[name][:, i] for i, axis in enumerate("xyz")}
-    arrays = [
-        _constant(field.type, constants[field.name], steps)
-        if field.name in constants
-        else _array(field.type, varying[field.name])
-        for field in schema
-    ]
+        joined |= {f"{name}_{axis}": joined[name][:, i] for i, axis in enumerate("xyz")}
+    before = np.repeat([head.global_step for head in heads], lengths)
+    training = np.repeat([head.split == "train" for head in heads], lengths)
+    joined |= {
+        "episode": np.repeat([head.episode for head in heads], lengths),
+        "step": steps,
+        "global_step": before + np.where(training, steps, 0),
+        "terminated": np.zeros(total, bool),
+        "truncated": steps == np.repeat(lengths, lengths) - 1,
+    }
+    words = {name: [getattr(head, name) for head in heads] for name in ("split", "phase")}
+    arrays = []
+    for field in schema:
+        if field.name in identity:
+            arrays.append(_constant(field.type, identity[field.name], total))
+        elif field.name in words:
+            arrays.append(_words(words[field.name], lengths))
+        else:
+            arrays.append(_array(field.type, joined[field.name]))
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _words(values: list[str], lengths: np.ndarray) -> pa.Array:
+    """The word of each episode, repeated over its rows."""
+    known = list(dict.fromkeys(values))
+    codes = np.array([known.index(value) for value in values], np.int32)
+    return pa.DictionaryArray.from_arrays(pa.array(np.repeat(codes, lengths), pa.int32()), pa.array(known))
 
 
 def _constant(kind: pa.DataType, value: Any, length: int) -> pa.Array:
     if pa.types.is_dictionary(kind):
-        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32)), pa.array([value]))
-    return pa.array(np.full(length, value), type=kind)
+        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32), pa.int32()), pa.array([value]))
+    return pa.array(np.full(length, value, kind.to_pandas_dtype()), kind)
 
 
 def _array(kind: pa.DataType, values: np.ndarray) -> pa.Array:

@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from stages.device import arithmetic
 from stages.policy.config import TD3Config
-from stages.policy.networks import StackedAdam, StackedMLP
+from stages.policy.networks import Layers, StackedAdam, StackedMLP
 from stages.policy.seeds import Stream, generator
 
 # Products of fewer rows take another path through the library, which rounds by the run's place in the matrix.
@@ -47,15 +48,17 @@ class TD3:
         self, config: TD3Config, observation_dim: int, action_dim: int, seeds: Sequence[int], device: str = "cpu"
     ) -> None:
         self.config, self.seeds, self.device = config, list(seeds), device
+        self._dtype = arithmetic(config.precision, torch.device(device))
         self.actor_net = StackedMLP((observation_dim, *config.hidden, action_dim))
         self.critic_net = StackedMLP((observation_dim + action_dim, *config.hidden, 1))
         n = len(self.seeds)
         self.actor = torch.zeros(n, self.actor_net.parameters, device=device)
         self.critic = torch.zeros(n, 2 * self.critic_net.parameters, device=device)  # both critics in one row
         self.actor_target, self.critic_target = torch.zeros_like(self.actor), torch.zeros_like(self.critic)
+        self._actor_gradient, self._critic_gradient = torch.zeros_like(self.actor), torch.zeros_like(self.critic)
         self.actor_optimiser = StackedAdam(self.actor, config.learning_rate)
         self.critic_optimiser = StackedAdam(self.critic, config.learning_rate)
-        self.updates = torch.zeros(n, 1, device=device)
+        self.updates = torch.zeros(n, 1)  # on the CPU: it decides what is computed
         for row in range(n):
             self.draw(row, "all", 0)
 
@@ -72,67 +75,86 @@ class TD3:
 
     @torch.no_grad()
     def act(self, observations: np.ndarray) -> np.ndarray:
-        """Actions (n, a) of the policies, without noise, for observations (n, o)."""
+        """Actions (n, a) of the policies in float32, without noise, for observations (n, o)."""
         inputs = torch.from_numpy(observations).to(self.device)[:, None].repeat(1, _ACT_ROWS, 1)
-        return self._policy(self.actor, inputs)[:, 0].cpu().numpy()
+        return self.actor_net.forward(self.actor_net.layers(self.actor), inputs).tanh()[:, 0].cpu().numpy()
 
-    def update(self, batch: Batch, noise: Tensor, active: Tensor) -> Tensor:
+    def update(self, batch: Batch, noise: Tensor, rows: Sequence[int] | None = None) -> Tensor:
         """One critic update and, every `policy_delay`-th time, one actor and target update.
 
         Args:
             batch: transitions of every run.
             noise: target noise before clipping (n, b, a).
-            active: (n, 1) 1 where the run learns, 0 where it pauses.
+            rows: the runs that learn; the others pause. None: all.
 
         Returns:
-            `METRICS` of every run (n, 6); the actor's loss is NaN where the actor was not updated.
+            `METRICS` of every run (n, 6), NaN where there is none: of a run that pauses, of an actor's delayed update.
         """
-        self.updates += active
+        rows = list(range(len(self.actor)) if rows is None else rows)
         metrics = torch.full((len(self.actor), len(METRICS)), torch.nan)
-        metrics[:, [0, 1, 3, 4, 5]] = self._update_critic(batch, noise, active)
-        delayed = active * (self.updates % self.config.policy_delay == 0)
-        if delayed.any():
-            metrics[:, 2] = torch.where(delayed[:, 0].bool(), self._update_actor(batch, delayed), torch.nan).cpu()
+        self.updates[rows] += 1
+        metrics[rows, :2], metrics[rows, 3:] = self._update_critic(batch, noise, rows)
+        delayed = [row for row in rows if self.updates[row] % self.config.policy_delay == 0]
+        if delayed:
+            metrics[delayed, 2] = self._update_actor(batch, delayed)
             self._update_targets(delayed)
         return metrics
 
-    def _update_critic(self, batch: Batch, noise: Tensor, active: Tensor) -> Tensor:
-        target = self._target(batch, noise)
-        parameters = self.critic.detach().requires_grad_()
-        q = self._values(parameters, batch.observation, batch.action)  # (n, 2, b)
-        losses = (q - target[:, None]).square().mean(dim=2)  # (n, 2)
-        (gradient,) = torch.autograd.grad(losses.sum(), parameters)
-        self.critic_optimiser.step(gradient, active)
-        return torch.cat([losses, q.mean(dim=2), target.mean(dim=1, keepdim=True)], dim=1).detach().cpu()
+    def _update_critic(self, batch: Batch, noise: Tensor, rows: list[int]) -> tuple[Tensor, Tensor]:
+        """Losses (k, 2), and means of both critics' values and of the target (k, 3)."""
+        batch = Batch(*(_of(values, rows) for values in batch))
+        target = self._target(batch, _of(noise, rows), rows)
+        layers = _leaves(self._critics(_of(self.critic, rows)))
+        q = self._values(layers, batch.observation, batch.action)  # (k, 2, b)
+        losses = (q - target[:, None]).square().mean(dim=2)  # (k, 2)
+        gradient = self._critic_gradient[: len(rows)]
+        self.critic_net.flatten(list(torch.autograd.grad(losses.sum(), layers)), gradient.view(2 * len(rows), -1))
+        self.critic_optimiser.step(gradient, rows)
+        return losses.detach().cpu(), torch.cat([q.mean(dim=2), target.mean(dim=1, keepdim=True)], dim=1).detach().cpu()
 
     @torch.no_grad()
-    def _target(self, batch: Batch, noise: Tensor) -> Tensor:
-        action = self._policy(self.actor_target, batch.next_observation)
+    def _target(self, batch: Batch, noise: Tensor, rows: list[int]) -> Tensor:
+        actor = self.actor_net.layers(_of(self.actor_target, rows), self._dtype)
+        action = self.actor_net.forward(actor, batch.next_observation).tanh()
         action = smoothed_action(action, noise, self.config.target_noise_clip)
-        next_q = self._values(self.critic_target, batch.next_observation, action)
+        next_q = self._values(self._critics(_of(self.critic_target, rows)), batch.next_observation, action)
         return td_target(batch.reward, batch.terminated, next_q, self.config.gamma)
 
-    def _update_actor(self, batch: Batch, active: Tensor) -> Tensor:
-        parameters = self.actor.detach().requires_grad_()
-        action = self._policy(parameters, batch.observation)
-        first = self.critic[:, : self.critic_net.parameters]
-        q = self.critic_net.forward(first, torch.cat([batch.observation, action], dim=2))[..., 0]
-        loss = -q.mean(dim=1)  # (n,)
-        (gradient,) = torch.autograd.grad(loss.sum(), parameters)
-        self.actor_optimiser.step(gradient, active)
-        return loss.detach()
+    def _update_actor(self, batch: Batch, rows: list[int]) -> Tensor:
+        """Losses (k,)."""
+        observation = _of(batch.observation, rows)
+        layers = _leaves(self.actor_net.layers(_of(self.actor, rows), self._dtype))
+        action = self.actor_net.forward(layers, observation).tanh()
+        first = self.critic_net.layers(_of(self.critic, rows)[:, : self.critic_net.parameters], self._dtype)
+        q = self.critic_net.forward(first, torch.cat([observation, action], dim=2))[..., 0]
+        loss = -q.mean(dim=1)  # (k,)
+        gradient = self._actor_gradient[: len(rows)]
+        self.actor_net.flatten(list(torch.autograd.grad(loss.sum(), layers)), gradient)
+        self.actor_optimiser.step(gradient, rows)
+        return loss.detach().cpu()
 
     @torch.no_grad()
-    def _update_targets(self, active: Tensor) -> None:
-        tau = self.config.tau * active
-        self.critic_target += (self.critic - self.critic_target) * tau
-        self.actor_target += (self.actor - self.actor_target) * tau
+    def _update_targets(self, rows: list[int]) -> None:
+        for row in rows:
+            self.critic_target[row].lerp_(self.critic[row], self.config.tau)
+            self.actor_target[row].lerp_(self.actor[row], self.config.tau)
 
-    def _policy(self, parameters: Tensor, observations: Tensor) -> Tensor:
-        return self.actor_net.forward(parameters, observations).tanh()
+    def _critics(self, rows: Tensor) -> Layers:
+        """Both critics of rows (k, 2 · parameters), as 2 k networks."""
+        return self.critic_net.layers(rows.view(2 * len(rows), -1), self._dtype)
 
-    def _values(self, parameters: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
-        """Both critics' values (n, 2, b)."""
-        n, b = observations.shape[:2]
-        inputs = torch.cat([observations, actions], dim=2)[:, None].expand(-1, 2, -1, -1).reshape(2 * n, b, -1)
-        return self.critic_net.forward(parameters.view(2 * n, -1), inputs).view(n, 2, b)
+    def _values(self, critics: Layers, observations: Tensor, actions: Tensor) -> Tensor:
+        """Both critics' values (k, 2, b)."""
+        k, b = observations.shape[:2]
+        inputs = torch.cat([observations, actions], dim=2)[:, None].expand(-1, 2, -1, -1).reshape(2 * k, b, -1)
+        return self.critic_net.forward(critics, inputs).view(k, 2, b)
+
+
+def _of(values: Tensor, rows: list[int]) -> Tensor:
+    """These rows, without a copy where they are all."""
+    return values if len(rows) == len(values) else values[rows]
+
+
+def _leaves(layers: Layers) -> Layers:
+    """The same numbers, to differentiate by."""
+    return [layer.detach().requires_grad_() for layer in layers]

@@ -10,6 +10,7 @@ import torch
 
 from schemas.errors import ConfigError, MachineError
 from schemas.progress import Progress, Task
+from stages.memory import keep_freed_memory
 from stages.perception.estimator import Estimator
 from stages.policy import checkpoint
 from stages.policy.checkpoint import Position
@@ -22,6 +23,7 @@ from stages.policy.td3 import TD3
 from stages.sim.camera import misaligned, nominal_pose
 from stages.sim.config import CameraConfig
 from stages.sim.pool import View, WorldPool
+from stages.sim.processes import available_cores
 
 START = Position(0, 0)
 
@@ -31,8 +33,10 @@ class Resources:
     """What the machine lends to the training; results do not depend on it but for rounding on another device."""
 
     device: str = "cpu"
-    workers: int = 1
-    threads: int = 1
+    workers: int | None = None
+    """Processes that simulate; 0: this one. None: one per core."""
+    threads: int | None = None
+    """CPU threads of the networks. None: one per core."""
 
 
 def run(
@@ -55,7 +59,7 @@ def run(
         raise ConfigError("only the oracle needs no estimator: name one with --estimator")
     if resources.device == "cuda" and not torch.cuda.is_available():
         raise MachineError("device = cuda, but torch finds no GPU; set policy.device=cpu")
-    torch.set_num_threads(resources.threads)
+    keep_freed_memory()
     missing = []
     for spec in specs:
         summary = checkpoint.published(spec.out)
@@ -91,8 +95,9 @@ def _by_resume_point(group: list[RunSpec]) -> list[list[RunSpec]]:
 def _train_group(
     group: list[RunSpec], estimator: Estimator | None, resources: Resources, progress: Progress
 ) -> list[RunResult]:
-    first = group[0]
-    worlds = WorldPool(first.world, first.task, len(group), _view(group, estimator), resources.workers)
+    first, cores = group[0], available_cores()
+    workers = cores if resources.workers is None else resources.workers
+    worlds = WorldPool(first.world, first.task, len(group), _view(group, estimator), workers)
     try:
         dims = observation_dim(first.config.proprioception), worlds.action_dim
         td3 = TD3(first.config.td3, *dims, [spec.seed for spec in group], resources.device)
@@ -100,7 +105,7 @@ def _train_group(
         buffer = ReplayBuffer(len(group), capacity, *dims)
         logs = [RunLog(spec, *dims) for spec in group]
         position = _resume(group, td3, buffer, logs)
-        lockstep = Lockstep(group, worlds, estimator, td3, buffer, logs)
+        lockstep = Lockstep(group, worlds, estimator, td3, buffer, logs, resources.threads or cores)
         Schedule(lockstep, td3, group, logs).run(position, progress)
     finally:
         worlds.close()

@@ -26,10 +26,11 @@ class World:
         self.scene, self.task = scene, task
         self.action_dim = 8 if task == "lift" else 7
         self._data = mujoco.MjData(scene.model)
-        self._controller = JointVelocityController(scene.gains)
+        self._controller = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators)
         self._signals = TaskSignals(scene)
         self._offset = gripper_point_offset(scene, task)
         self._gripper_goal = np.zeros(scene.gripper.dof)
+        self._bodies = [scene.model.body(i).name for i in range(1, scene.model.nbody)]
 
     def reset(self, initial_state: np.ndarray) -> np.void:
         """Start an episode from an integration state (see `integration_state`)."""
@@ -48,11 +49,11 @@ class World:
         self._controller.set_goal(action[:7])
         command = action[7:] if self.task == "lift" else _CLOSE
         self._gripper_goal, data.ctrl[scene.gripper_actuators] = gripper_control(scene, self._gripper_goal, command)
+        model, qvel, bias, ctrl = scene.model, data.qvel, data.qfrc_bias, data.ctrl
         for _ in range(scene.substeps):
-            qvel, bias = data.qvel[scene.arm_qvel], data.qfrc_bias[scene.arm_qvel]
-            data.ctrl[scene.arm_actuators] = self._controller.torques(qvel, bias)
-            mujoco.mj_step2(scene.model, data)
-            mujoco.mj_step1(scene.model, data)
+            self._controller.control(qvel, bias, ctrl)
+            mujoco.mj_step2(model, data)
+            mujoco.mj_step1(model, data)
         return self.state()
 
     def state(self) -> np.void:
@@ -97,8 +98,8 @@ class World:
 
     def link_poses(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Every body's position (3,) [m] and quaternion (w, x, y, z) in the world, by name."""
-        model, data = self.scene.model, self._data
-        return {model.body(i).name: (data.xpos[i].copy(), data.xquat[i].copy()) for i in range(1, model.nbody)}
+        positions, quaternions = self._data.xpos.copy(), self._data.xquat.copy()
+        return {name: (positions[i], quaternions[i]) for i, name in enumerate(self._bodies, start=1)}
 
     def _gripper_point(self) -> np.ndarray:
         site, data = self.scene.grip_site, self._data

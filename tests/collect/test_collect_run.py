@@ -129,13 +129,35 @@ def test_unstable_simulation_names_the_episode(
 
 
 def test_full_disk_is_a_machine_error(collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(descriptor: int) -> None:
+    def full(*args: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(mcap_files.os, "fsync", full)
-    with pytest.raises(MachineError, match=r"no space left for .*episode-000000\.mcap"):
-        collect(tiny())
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_files, "Writer", full)
+        with pytest.raises(MachineError, match=r"no space left for .*episode-000000\.mcap"):
+            collect(tiny())
     assert list((tmp_path / "out" / "episodes").iterdir()) == []
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_files.os, "fsync", full)
+        with pytest.raises(MachineError, match=r"no space left for .*episodes: "):
+            collect(tiny())
+    assert collect(tiny())["frames"] == 12
+
+
+def test_a_dataset_is_durable_when_collect_returns(
+    collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced, fsync = set(), os.fsync
+
+    def noting(descriptor: int) -> None:
+        synced.add(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    monkeypatch.setattr(mcap_files.os, "fsync", noting)
+    collect(tiny())
+    out = tmp_path / "out"
+    everything = (*episode_files(out), out / "episodes", out / "frames.parquet", out)
+    assert {path.stat().st_ino for path in everything} <= synced
 
 
 INTERRUPTED = """

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stages.perception import frozen
-from stages.perception.device import arithmetic
+from stages.device import arithmetic
 from stages.perception.normalisation import Normalisation, measure
 from stages.perception.resnet34 import ResNet34
 

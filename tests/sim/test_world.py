@@ -4,10 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.stock_world import StockWorld, largest_difference
 from schemas.errors import ArtifactError
 from stages.sim.config import WorldConfig
+from stages.sim.controller import JointVelocityController
 from stages.sim.gripper import closed_gripper_qpos, gripper_point_offset
-from stages.sim.scene import CUBE_HALF_SIZE, TABLE_HEIGHT, Scene, build_scene, make_environment
+from stages.sim.scene import CUBE_HALF_SIZE, TABLE_HEIGHT, Scene, build_scene
 from stages.sim.state import STATE_DTYPE, pack_state, unpack_state
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World
@@ -25,23 +27,45 @@ def _initial(scene: Scene, task: str, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("task", ["reach", "lift"])
 def test_trajectories_equal_stock_robosuite(scene: Scene, task: str) -> None:
     """SPEC §3: 200 steps from the same state and actions agree to 1e-9 in everything the future depends on."""
-    stock = make_environment(scene.config)
-    stock.reset()
-    data, model = stock.sim.data._data, stock.sim.model._model
-    world, initial = World(scene, task), _initial(scene, task)
-    world.reset(initial)
-    unpack_state(model, data, initial)
-    mujoco.mj_forward(model, data)
-    rng = np.random.default_rng(1)
-    moved = 0.0
-    for _ in range(200):
-        action = rng.uniform(-1, 1, world.action_dim).astype(np.float32)
-        stock.step(np.append(action, 1.0) if task == "reach" else action.astype(float))
-        state = world.step(action)
-        assert np.abs(world.integration_state() - pack_state(model, data)).max() <= 1e-9
-        moved = max(moved, float(np.abs(state["qpos"] - scene.rest_qpos).max()))
+    world, stock = World(scene, task), StockWorld(scene.config, task)
+    actions = np.random.default_rng(1).uniform(-1, 1, (200, world.action_dim)).astype(np.float32)
+    assert largest_difference(world, stock, _initial(scene, task), actions) <= 1e-9
+    state = world.state()
+    moved = float(np.abs(state["qpos"] - scene.rest_qpos).max())
     assert moved > 0.05, "the arm must have moved for the comparison to mean anything"
-    assert stock._check_success() == state["lifted"]
+    assert stock.environment._check_success() == state["lifted"]
+
+
+def test_torques_equal_robosuite_controller_bit_for_bit(scene: Scene) -> None:
+    """Thousands of substeps, of which many saturate, with a new goal every 25."""
+    stock = StockWorld(scene.config, "reach")
+    theirs, data = stock.environment.robots[0].part_controllers["right"], stock.data
+    ours = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators)
+    rng, ctrl, saturated = np.random.default_rng(0), np.zeros(scene.model.nu), 0
+    for substep in range(4000):
+        if substep % 25 == 0:
+            action = rng.uniform(-1.2, 1.2, 7)
+            ours.set_goal(action)
+            theirs.set_goal(action)
+        data.qvel[scene.arm_qvel] = theirs.goal_vel + rng.normal(0, rng.choice([0.001, 0.01, 1.0]), 7)
+        data.qfrc_bias[:] = rng.normal(0, 2, len(data.qfrc_bias))
+        ours.control(data.qvel, data.qfrc_bias, ctrl)
+        theirs.new_update = True
+        assert np.array_equal(ctrl[scene.arm_actuators], theirs.run_controller())
+        saturated += theirs.saturated
+    assert 400 < saturated < 3600
+
+
+def test_a_reset_controller_has_forgotten(scene: Scene) -> None:
+    used, fresh = (JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators) for _ in range(2))
+    used.set_goal(np.ones(7))
+    torques = np.zeros((2, scene.model.nu))
+    for _ in range(10):
+        used.control(np.full(scene.model.nv, 0.1), np.zeros(scene.model.nv), torques[0])
+    used.reset()
+    for controller, ctrl in ((used, torques[0]), (fresh, torques[1])):
+        controller.control(np.full(scene.model.nv, 0.2), np.ones(scene.model.nv), ctrl)
+    assert np.array_equal(*torques) and torques.any()
 
 
 def test_gripper_point_is_the_fingertips_in_reach_and_the_grip_site_in_lift(scene: Scene) -> None:
@@ -133,17 +157,9 @@ def test_a_state_of_another_scene_is_refused(scene: Scene) -> None:
 def test_other_arms_reach_and_close(robot: str) -> None:
     """Any 7-DoF robosuite arm by name, against stock robosuite for a second."""
     scene = build_scene(WorldConfig(robot=robot))
-    world, stock = World(scene, "lift"), make_environment(scene.config)
-    stock.reset()
-    initial = _initial(scene, "lift")
-    world.reset(initial)
-    unpack_state(stock.sim.model._model, stock.sim.data._data, initial)
-    mujoco.mj_forward(stock.sim.model._model, stock.sim.data._data)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        action = rng.uniform(-1, 1, 8)
-        stock.step(action)
-        state = world.step(action)
-    assert np.abs(world.qpos_full() - stock.sim.data._data.qpos).max() <= 1e-9
+    world, stock = World(scene, "lift"), StockWorld(scene.config, "lift")
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 8))
+    assert largest_difference(world, stock, _initial(scene, "lift"), actions) <= 1e-9
+    state = world.state()
     assert state.dtype == STATE_DTYPE and not state["unstable"]
     assert 0 < gripper_point_offset(scene, "reach") < 0.1

@@ -2,8 +2,8 @@
 
 import torch
 
+from schemas.config import Precision
 from schemas.errors import MachineError
-from stages.perception.config import Precision
 
 _OPERATORS = ("_convolution_pointwise", "_reorder_convolution_weight", "_is_mkldnn_bf16_supported")
 """Not public API: where torch has them no more, estimators run through its ordinary modules."""

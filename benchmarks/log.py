@@ -1,0 +1,127 @@
+"""What logging costs: its share of the time of a real training, and bytes per transition on disk."""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import torch
+
+from benchmarks.measure import Stopwatch
+from benchmarks.outcome import Outcome, Part, Target
+from schemas.progress import Silent
+from stages.perception.estimator import EstimatorCard, save_estimator
+from stages.perception.normalisation import Normalisation
+from stages.perception.resnet34 import ResNet34
+from stages.policy import train
+from stages.policy.config import RunConfig, RunSpec, TD3Config
+from stages.policy.episode import EpisodeColumns
+from stages.policy.log import RunLog
+from stages.sim.config import CameraConfig, WorldConfig
+
+SHARE, BYTES = 0.03, 200.0
+_PARTS = {"set": EpisodeColumns, "of_run": EpisodeColumns, "add_transitions": RunLog, "flush": RunLog, "add": RunLog}
+
+
+def run(quick: bool) -> Outcome:
+    """Train a few runs in lockstep, dense and oracle, and count the time inside the log's methods."""
+    with tempfile.TemporaryDirectory() as directory:
+        specs = _specs(Path(directory), seeds=1 if quick else 3, quick=quick)
+        estimator = Path(directory) / "estimator"
+        estimator.mkdir()
+        _save_random_estimator(estimator)
+        watch, started = Stopwatch(), time.perf_counter()
+        with _timed(watch):
+            train.run(specs, estimator, resources=train.Resources(), finished=lambda _: None, progress=Silent())
+        seconds = time.perf_counter() - started
+        parts = [path for spec in specs for path in spec.out.glob("transitions/part-*.parquet")]
+        logs = [path for spec in specs for path in spec.out.glob("**/*.parquet")]
+        transitions = sum(pq.read_metadata(path).num_rows for path in parts)
+        stored, everything = (sum(path.stat().st_size for path in paths) for paths in (parts, logs))
+        columns = _columns(parts)
+    logging = sum(watch.seconds.values())
+    return Outcome(
+        benchmark="log",
+        compares=f"{len(specs)} reach runs in lockstep with the estimator in the loop: the log's share, and its size",
+        unit="environment step and run",
+        targets=[
+            Target("share of the training time", logging / seconds, SHARE, "", at_least=False),
+            Target("bytes per transition", stored / transitions, BYTES, "bytes", at_least=False),
+        ],
+        figures={
+            "transitions": transitions,
+            "bytes per transition, all logs of a run": everything / transitions,
+            "logging [µs/transition]": 1e6 * logging / transitions,
+            "training [steps/s]": transitions / seconds,
+        },
+        parts=[Part(f"log ({name})", 1e3 * spent / transitions) for name, spent in watch.seconds.items()],
+        table=[{"largest columns": name, "bytes per transition": size / transitions} for name, size in columns[:8]],
+    )
+
+
+@contextmanager
+def _timed(watch: Stopwatch) -> Iterator[None]:
+    """Count the time in the log's methods while the block runs."""
+    originals = {(holder, name): getattr(holder, name) for name, holder in _PARTS.items()}
+    for name, holder in _PARTS.items():
+        watch.wrap(holder, name, name)
+    try:
+        yield
+    finally:
+        for (holder, name), method in originals.items():
+            setattr(holder, name, method)
+
+
+def _specs(root: Path, seeds: int, quick: bool) -> list[RunSpec]:
+    """Runs of a few episodes, with as many checkpoints per episode as a study has."""
+    episodes = 2 if quick else 10
+    config = RunConfig(
+        episodes=episodes,
+        warmup_episodes=1,
+        eval_every=episodes,
+        eval_episodes=1,
+        final_episodes=1 if quick else 5,
+        checkpoint_every=episodes // 2,
+        td3=TD3Config(hidden=(256, 256), batch_size=256),
+    )
+    world = WorldConfig(horizon=10 if quick else 200)
+    cells = [(scheme, seed) for scheme in ("dense", "oracle") for seed in range(seeds)]
+    specs = []
+    for scheme, seed in cells:
+        out = root / f"reach-{scheme}-orbit00-seed{seed}"
+        out.mkdir()
+        specs.append(RunSpec(f"log/{out.name}", "reach", scheme, "orbit", 0.0, seed, world, config, out))  # type: ignore[arg-type]
+    return specs
+
+
+def _save_random_estimator(directory: Path) -> None:
+    """An estimator that has learnt nothing: it takes as long as one that has."""
+    torch.manual_seed(0)
+    card = EstimatorCard(
+        estimator="random",
+        dataset="none",
+        image_size=64,
+        precision="bfloat16",
+        normalisation=Normalisation(
+            pixel_mean=(110, 110, 110), pixel_std=(50, 50, 50), target_mean=(0, 0, 0.825), target_scale=0.05
+        ),
+        camera=CameraConfig().model_dump(mode="json"),
+        cube_min=(-0.15, -0.15, 0.825),
+        cube_max=(0.15, 0.15, 0.825),
+        best_epoch=1,
+    )
+    save_estimator(directory, card, ResNet34().state_dict())
+
+
+def _columns(parts: list[Path]) -> list[tuple[str, int]]:
+    """Compressed bytes by column, largest first."""
+    sizes: dict[str, int] = {}
+    for path in parts:
+        metadata = pq.read_metadata(path)
+        for group in range(metadata.num_row_groups):
+            for index in range(metadata.num_columns):
+                column = metadata.row_group(group).column(index)
+                sizes[column.path_in_schema] = sizes.get(column.path_in_schema, 0) + column.total_compressed_size
+    return sorted(sizes.items(), key=lambda item: -item[1])

@@ -1,0 +1,88 @@
+"""What learns during an episode: replay memory, TD3 and the rows that log its updates, for all runs at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from stages.policy.config import RunConfig, RunSpec
+from stages.policy.log import RunLog
+from stages.policy.replay_buffer import ReplayBuffer
+from stages.policy.schemes import phase
+from stages.policy.seeds import Stream, generator
+from stages.policy.summaries import UpdateWindow
+from stages.policy.td3 import TD3
+
+
+class Learner:
+    """`begin` an episode, `learn` in each of its steps, `remember` the transition, `end` the episode."""
+
+    def __init__(self, specs: Sequence[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: Sequence[RunLog]) -> None:
+        self._specs, self._td3, self._buffer, self._logs = specs, td3, buffer, logs
+        self._config: RunConfig = specs[0].config
+        self._horizon = specs[0].world.horizon
+        self._noise_shape = (self._config.td3.batch_size, td3.actor_net.sizes[-1])
+
+    def switch(self, row: int) -> None:
+        """From the dense to the sparse reward: what becomes of the buffer and of the networks."""
+        self._buffer.switch(row, self._config.buffer)
+        if self._config.reset != "none":
+            self._td3.draw(row, self._config.reset, times=1)
+
+    def begin(self, episode: int) -> None:
+        """Start the random streams of a training episode, and empty windows of what is logged."""
+        self._episode = episode
+        self._batches = [generator(spec.seed, Stream.BATCH, episode) for spec in self._specs]
+        self._noise = [generator(spec.seed, Stream.TARGET_NOISE, episode) for spec in self._specs]
+        self._windows = [UpdateWindow() for _ in self._specs]
+
+    def learn(self, rows: Sequence[int], step: int) -> None:
+        """The updates of one step, of those of these runs that have something to learn from."""
+        config = self._config
+        rows = [row for row in rows if self._buffer.size[row] > 0]
+        for _ in range(config.updates_per_step if rows else 0):
+            batch = self._buffer.sample(config.td3.batch_size, self._batches, self._td3.device)
+            metrics = self._td3.update(batch, self._target_noise(), rows).numpy()
+            for row in rows:
+                self._windows[row].add(metrics[row])
+                if self._windows[row].count == config.log_updates_every:
+                    self._log(row, step)
+
+    def remember(
+        self,
+        rows: Sequence[int],
+        observation: np.ndarray,  # (n, o)
+        action: np.ndarray,  # (n, a)
+        reward: np.ndarray,  # (n,)
+        reward_sparse: np.ndarray,  # (n,)
+        next_observation: np.ndarray,  # (n, o)
+    ) -> None:
+        """Add a transition of each of these runs.
+
+        The horizon is a truncation: no transition is terminal, TD3 bootstraps through it.
+        """
+        never = np.zeros(1, np.float32)
+        for row in rows:
+            one = slice(row, row + 1)
+            parts = observation[one], action[one], reward[one], reward_sparse[one], next_observation[one]
+            self._buffer.add(row, *parts, never)
+
+    def end(self, rows: Sequence[int]) -> None:
+        """Log what is in the windows: a row ends with its episode, so that a resumed run writes the same rows."""
+        for row in rows:
+            if self._windows[row].count:
+                self._log(row, self._horizon - 1)
+
+    def _target_noise(self) -> torch.Tensor:
+        """Noise (n, b, a) for one update, before clipping."""
+        draws = [rng.standard_normal(self._noise_shape, dtype=np.float32) for rng in self._noise]
+        return torch.from_numpy(np.stack(draws) * np.float32(self._config.td3.target_noise)).to(self._td3.device)
+
+    def _log(self, row: int, step: int) -> None:
+        head = {
+            "update": int(self._td3.updates[row]),
+            "global_step": self._episode * self._horizon + step,
+            "episode": self._episode,
+            "phase": phase(self._specs[row].scheme, self._episode, self._config),
+        }
+        self._logs[row].add("updates", head | self._windows[row].take())
