@@ -2,24 +2,20 @@
 
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.parquet as pq
-import torch
 
 from benchmarks.measure import Stopwatch
 from benchmarks.outcome import Outcome, Part, Target
+from benchmarks.training import random_estimator
 from schemas.progress import Silent
-from stages.perception.estimator import EstimatorCard, save_estimator
-from stages.perception.normalisation import Normalisation
-from stages.perception.resnet34 import ResNet34
 from stages.policy import train
 from stages.policy.config import RunConfig, RunSpec, TD3Config
 from stages.policy.episode import EpisodeColumns
 from stages.policy.log import RunLog
-from stages.sim.config import CameraConfig, WorldConfig
+from stages.policy.resources import Resources
+from stages.sim.config import WorldConfig
 
 SHARE, BYTES = 0.03, 200.0
 _PARTS = {"set": EpisodeColumns, "of_run": EpisodeColumns, "add_transitions": RunLog, "flush": RunLog, "add": RunLog}
@@ -29,12 +25,10 @@ def run(quick: bool) -> Outcome:
     """Train a few runs in lockstep, dense and oracle, and count the time inside the log's methods."""
     with tempfile.TemporaryDirectory() as directory:
         specs = _specs(Path(directory), seeds=1 if quick else 3, quick=quick)
-        estimator = Path(directory) / "estimator"
-        estimator.mkdir()
-        _save_random_estimator(estimator)
+        estimator = random_estimator(Path(directory))
         watch, started = Stopwatch(), time.perf_counter()
-        with _timed(watch):
-            train.run(specs, estimator, resources=train.Resources(), finished=lambda _: None, progress=Silent())
+        with watch.wrapped({name: (holder, name) for name, holder in _PARTS.items()}):
+            train.run(specs, estimator, resources=Resources(processes=1), finished=lambda _: None, progress=Silent())
         seconds = time.perf_counter() - started
         parts = [path for spec in specs for path in spec.out.glob("transitions/part-*.parquet")]
         logs = [path for spec in specs for path in spec.out.glob("**/*.parquet")]
@@ -61,19 +55,6 @@ def run(quick: bool) -> Outcome:
     )
 
 
-@contextmanager
-def _timed(watch: Stopwatch) -> Iterator[None]:
-    """Count the time in the log's methods while the block runs."""
-    originals = {(holder, name): getattr(holder, name) for name, holder in _PARTS.items()}
-    for name, holder in _PARTS.items():
-        watch.wrap(holder, name, name)
-    try:
-        yield
-    finally:
-        for (holder, name), method in originals.items():
-            setattr(holder, name, method)
-
-
 def _specs(root: Path, seeds: int, quick: bool) -> list[RunSpec]:
     """Runs of a few episodes, with as many checkpoints per episode as a study has."""
     episodes = 2 if quick else 10
@@ -94,25 +75,6 @@ def _specs(root: Path, seeds: int, quick: bool) -> list[RunSpec]:
         out.mkdir()
         specs.append(RunSpec(f"log/{out.name}", "reach", scheme, "orbit", 0.0, seed, world, config, out))  # type: ignore[arg-type]
     return specs
-
-
-def _save_random_estimator(directory: Path) -> None:
-    """An estimator that has learnt nothing: it takes as long as one that has."""
-    torch.manual_seed(0)
-    card = EstimatorCard(
-        estimator="random",
-        dataset="none",
-        image_size=64,
-        precision="bfloat16",
-        normalisation=Normalisation(
-            pixel_mean=(110, 110, 110), pixel_std=(50, 50, 50), target_mean=(0, 0, 0.825), target_scale=0.05
-        ),
-        camera=CameraConfig().model_dump(mode="json"),
-        cube_min=(-0.15, -0.15, 0.825),
-        cube_max=(0.15, 0.15, 0.825),
-        best_epoch=1,
-    )
-    save_estimator(directory, card, ResNet34().state_dict())
 
 
 def _columns(parts: list[Path]) -> list[tuple[str, int]]:

@@ -1,4 +1,4 @@
-"""How training scales: environment steps/s for more runs in lockstep and more worker processes."""
+"""How training scales: environment steps/s for more runs and more processes."""
 
 from statistics import median
 from typing import Any
@@ -7,19 +7,18 @@ from benchmarks.limits import training_limits
 from benchmarks.memory import resident_mb
 from benchmarks.outcome import Outcome, Part
 from benchmarks.training import train
-from stages.policy.train import Resources
-from stages.sim.config import WorldConfig
+from stages.policy.resources import Resources
 
-RUNS, WORKERS = (1, 4, 12, 36), (1, 2)
+RUNS, PROCESSES = (1, 4, 12, 36), (1, 2)
 
 
 def run(quick: bool) -> Outcome:
     """A table of rates, with the machine's limit beside them."""
-    grid = [(runs, workers) for runs in ((1, 2) if quick else RUNS) for workers in WORKERS]
+    grid = [(runs, processes) for runs in ((1, 2) if quick else RUNS) for processes in PROCESSES if processes <= runs]
     limits = training_limits(2 if quick else 12)
     outcome = Outcome(
         benchmark="scaling",
-        compares="environment steps/s of training with camera and estimator, by runs in lockstep and worker processes",
+        compares="environment steps/s of training with camera and estimator, by runs and by processes",
         unit="environment step of one run, parts alone on one core",
         targets=[],
         parts=[Part(name, part, limit) for name, (part, limit) in limits.parts.items()],
@@ -28,29 +27,29 @@ def run(quick: bool) -> Outcome:
     )
     assert outcome.limit_ms is not None
     limit = 1e3 / outcome.limit_ms
-    outcome.table.extend(_row(runs, workers, 2 if quick else _episodes(runs), limit) for runs, workers in grid)
+    outcome.table.extend(_row(runs, processes, 1 if quick else _rounds(runs), limit) for runs, processes in grid)
     return outcome
 
 
-def _episodes(runs: int) -> int:
-    """Enough to measure: a few hundred steps of each run, more where they are soon done."""
-    return 3 if runs >= 12 else 5
+def _rounds(runs: int) -> int:
+    """Enough to measure: more where they are soon done."""
+    return 2 if runs >= 12 else 4
 
 
-def _row(runs: int, workers: int, episodes: int, limit: float) -> dict[str, Any]:
+def _row(runs: int, processes: int, rounds: int, limit: float) -> dict[str, Any]:
     rates: list[float] = []
     memory: list[float] = []
 
-    def after(episode: int, seconds: float) -> None:
-        if episode > 1:  # the first is without updates
-            rates.append(runs * WorldConfig().horizon / seconds)
+    def after(episode: int, rate: float) -> None:
+        if episode > 0:  # the first is without updates
+            rates.append(rate)
             memory.append(resident_mb())
 
-    train(runs, episodes, after, resources=Resources(workers=workers))
+    train(runs, rounds, after, Resources(processes=processes, workers=0, threads=1))
     rate = median(rates)
     return {
         "runs": runs,
-        "workers": workers,
+        "processes": processes,
         "steps/s": round(rate, 1),
         "per run": round(rate / runs, 2),
         "limit [steps/s]": round(limit, 1),

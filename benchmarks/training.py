@@ -9,91 +9,106 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
 import torch
 
-from schemas.config import Precision
 from stages.perception.estimator import EstimatorCard, save_estimator
 from stages.perception.normalisation import Normalisation
 from stages.perception.resnet34 import ResNet34
 from stages.policy.config import RunConfig, RunResult, RunSpec, Scheme
-from stages.policy.train import Resources, run
+from stages.policy.resources import Resources
+from stages.policy.train import run
 from stages.sim.config import CameraConfig, WorldConfig
 
 IMAGE_SIZE = 64
 SCHEMES: tuple[Scheme, ...] = ("dense", "sparse", "oracle", "dense2sparse")
 
 
-class _Episodes:
-    """A progress bar that calls back after every episode of all runs."""
+class Rounds:
+    """A progress bar that calls `after` with the environment steps/s of every round: an episode of every process.
 
-    def __init__(self, after: Callable[[int, float], None]) -> None:
-        self._after, self._done, self._since = after, 0, time.perf_counter()
+    The first round, without updates, has the number 0. What the callback takes is not counted, and the training
+    processes stand still meanwhile.
+    """
+
+    def __init__(self, runs: int, resources: Resources, after: Callable[[int, float], None]) -> None:
+        self._processes = resources.share(runs).processes
+        self._steps, self._after = runs * WorldConfig().horizon, after
+        self._done, self._since = 0, time.perf_counter()
 
     @contextmanager
-    def task(self, label: str, total: int, done: int = 0) -> Iterator["_Episodes"]:
+    def task(self, label: str, total: int, done: int = 0) -> Iterator["Rounds"]:
         """The only bar."""
         del label, total, done
         self._since = time.perf_counter()
         yield self
 
     def advance(self, units: int = 1) -> None:
-        """An episode ended; what the callback takes is not counted to the next."""
+        """An episode of one process ended."""
         self._done += units
-        self._after(self._done, time.perf_counter() - self._since)
-        self._since = time.perf_counter()
+        if self._done % self._processes == 0:
+            rate = self._steps / (time.perf_counter() - self._since)
+            with suspended():
+                self._after(self._done // self._processes - 1, rate)
+            self._since = time.perf_counter()
 
     def note(self, text: str) -> None:
         """Nothing is shown."""
         del text
 
 
-def train(
-    runs: int,
-    episodes: int,
-    after: Callable[[int, float], None],
-    *,
-    resources: Resources,
-    camera: bool = True,
-    checkpoint_every: int = 3,
-) -> None:
-    """Train `runs` reach runs for `episodes` episodes, the first of them without updates, and forget them.
+@contextmanager
+def suspended() -> Iterator[None]:
+    """All processes that this one started stand still in this block."""
+    others = psutil.Process().children(recursive=True)
+    for process in others:
+        process.suspend()
+    try:
+        yield
+    finally:
+        for process in others:
+            process.resume()
 
-    `after` is called with the number of episodes done and the seconds of the last; checkpoints and logs are written
-    every `checkpoint_every` episodes, within the time of the episode that follows.
+
+def train(runs: int, rounds: int, after: Callable[[int, float], None], resources: Resources) -> None:
+    """Train `runs` reach runs for an episode without updates and `rounds` with, and forget them.
+
+    Logs and checkpoints are written every third episode, more often than by default.
     """
     config = RunConfig(
-        episodes=episodes,
+        episodes=1 + rounds,
         warmup_episodes=1,
-        switch_episode=max(episodes // 2, 1),
+        switch_episode=1 + rounds // 2,
         eval_every=10**6,
         final_episodes=0,
-        checkpoint_every=checkpoint_every,
+        checkpoint_every=3,
     )
     results: list[RunResult] = []
     with tempfile.TemporaryDirectory() as directory:
         root = Path(directory)
-        specs = [_spec(root, number, config, camera) for number in range(runs)]
-        estimator = random_estimator(root / "estimator") if camera else None
-        run(specs, estimator, resources=resources, finished=results.append, progress=_Episodes(after))
+        specs = [_spec(root, number, config) for number in range(runs)]
+        progress = Rounds(runs, resources, after)
+        run(specs, random_estimator(root), resources=resources, finished=results.append, progress=progress)
     assert [result.status for result in results] == ["complete"] * runs, results
 
 
-def _spec(root: Path, number: int, config: RunConfig, camera: bool) -> RunSpec:
+def _spec(root: Path, number: int, config: RunConfig) -> RunSpec:
     out = root / f"run{number}"
     out.mkdir()
-    scheme: Scheme = SCHEMES[number % len(SCHEMES)] if camera else "oracle"
+    scheme = SCHEMES[number % len(SCHEMES)]
     return RunSpec(f"bench/run{number}", "reach", scheme, "orbit", 0.0, number, WorldConfig(), config, out)
 
 
-def random_estimator(directory: Path, precision: Precision = "bfloat16") -> Path:
-    """An estimator's artifact with random weights."""
+def random_estimator(root: Path) -> Path:
+    """The directory of an estimator with random weights, in `root`."""
+    directory = root / "estimator"
     directory.mkdir()
     torch.manual_seed(0)
     card = EstimatorCard(
         estimator="random",
         dataset="none",
         image_size=IMAGE_SIZE,
-        precision=precision,
+        precision="bfloat16",
         normalisation=Normalisation(
             pixel_mean=(128, 128, 128), pixel_std=(64, 64, 64), target_mean=(0, 0, 0.82), target_scale=0.1
         ),

@@ -82,7 +82,8 @@ def train_policy(session: Session, name: str, estimator: str | None) -> list[Out
 
 def _train(session: Session, name: str, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
     _prepare(session, work, estimator is not None)
-    from stages.policy.train import Resources, run  # loads MuJoCo, which must not fail before the checks say why
+    from stages.policy.resources import Resources
+    from stages.policy.train import run  # loads MuJoCo, which must not fail before the checks say why
 
     started = time.monotonic()
     matrix = session.config.policy
@@ -96,7 +97,7 @@ def _train(session: Session, name: str, work: list[Work], estimator: str | None)
     run(
         [_spec(session, name, item) for item in work],
         session.store.path(f"estimators/{estimator}") if estimator else None,
-        resources=Resources(matrix.device, matrix.workers, matrix.threads),
+        resources=Resources(matrix.device, matrix.processes, matrix.workers, matrix.threads),
         finished=finished,
         progress=session.progress,
     )

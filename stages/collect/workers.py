@@ -1,18 +1,16 @@
 """Episodes in this process or in several; the results are the same, in whichever order they come."""
 
-import os
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
+from multiprocessing import get_context
 
 from schemas.errors import MachineError
 from stages.collect.collector import Collector
 from stages.collect.frames import EpisodeResult
 from stages.collect.plan import EpisodePlan
-from stages.sim.processes import interrupts_ignored
+from stages.sim.processes import end_with_parent, interrupts_ignored
 
 CollectorFactory = Callable[[], Collector]
 """Makes each process's collector; picklable."""
@@ -63,16 +61,8 @@ def _in_processes(
 
 def _start_worker(make: CollectorFactory) -> None:
     global _collector
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     _collector = make()
-
-
-def _end_with_parent() -> None:
-    """A killed parent sends no word: without this its idle workers would stay for good."""
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
 
 
 def _collect(plan: EpisodePlan) -> EpisodeResult:

@@ -74,10 +74,12 @@ class MatrixConfig(RunConfig):
     misalignment_degrees: Annotated[tuple[Degrees, ...], Field(min_length=1)] = (0.0,)
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     device: Literal["cpu", "cuda"] = "cpu"
+    processes: Annotated[int, Field(ge=1, le=256)] | None = None
+    """Processes that train a part of the runs each. Default: one per core, or one with a GPU."""
     workers: Annotated[int, Field(ge=0, le=256)] | None = None
-    """Processes that simulate and render; 0: in this process. Default: one per core. The logs do not depend on it."""
+    """Processes that simulate and render for each of them; 0: none. Default: the cores that are left."""
     threads: Annotated[int, Field(ge=1, le=256)] | None = None
-    """CPU threads of the networks. Default: one per core. The logs do not depend on it."""
+    """CPU threads of each one's networks. Default: its share of the cores. The logs depend on none of the three."""
     reach: dict[str, Any] = Field(default={})
     """Keys of this section that differ for reach."""
     lift: dict[str, Any] = Field(default={})

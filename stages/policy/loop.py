@@ -1,13 +1,13 @@
 """The training loop: a list of runs stepped in lockstep, each with its own world, networks, buffer and random streams.
 
-Worlds, estimator and TD3 are called once per step for all runs. While the worlds step and the estimator looks, TD3
-updates in a thread of its own: the update during step k learns from the transitions up to step k − 1, one update per
-environment step (`updates_per_step`).
+Worlds, estimator and TD3 are called once per step for all runs. The update during step k learns from the transitions up
+to step k − 1, one update per environment step (`updates_per_step`), so it can run beside the step.
 """
 
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -53,7 +53,8 @@ class _Episode:
 class Lockstep:
     """Runs of one task and one configuration, differing in scheme, misalignment and seed.
 
-    `threads` are those of the networks; results do not depend on them.
+    `threads` are those of the networks; with `overlap` TD3 updates in a thread of its own while the worlds step and the
+    estimator looks. Results do not depend on either.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Lockstep:
         buffer: ReplayBuffer,
         logs: Sequence[RunLog],
         threads: int = 1,
+        overlap: bool = False,
     ) -> None:
         self.specs, self.logs = list(specs), list(logs)
         self.config: RunConfig = specs[0].config
@@ -72,6 +74,7 @@ class Lockstep:
         self.errors: list[str | None] = [None] * len(specs)
         self.steps, self.seconds = 0, 0.0  # environment steps per run, and the wall time they took
         self._worlds, self._estimator, self._td3, self._threads = worlds, estimator, td3, threads
+        self._overlap = overlap
         self._learner = Learner(self.specs, td3, buffer, self.logs)
         self._oracle = np.array([spec.scheme == "oracle" for spec in specs])[:, None]
         self._columns = EpisodeColumns(len(specs), self.horizon, td3.actor_net.sizes[0], worlds.action_dim)
@@ -109,9 +112,9 @@ class Lockstep:
         stream = RESET_STREAMS[episode.split]
         self._worlds.reset([entropy(spec.seed, stream, episode.number) for spec in self.specs])
         initial = self._worlds.packed_states()
-        # An update and a prediction at the same time have half the threads each.
-        torch.set_num_threads(max(1, self._threads // 2) if episode.learning else self._threads)
-        with ThreadPoolExecutor(1, "learner") as thread:
+        halved = episode.learning and self._overlap  # an update and a prediction at the same time share the threads
+        torch.set_num_threads(max(1, self._threads // 2) if halved else self._threads)
+        with ThreadPoolExecutor(1, "learner") if halved else nullcontext() as thread:
             self._steps(episode, thread)
         if not self.alive:
             return
@@ -121,7 +124,7 @@ class Lockstep:
         task.advance()
         task.note(f"{len(self.alive) * self.horizon / seconds:.0f} env steps/s")
 
-    def _steps(self, episode: _Episode, thread: ThreadPoolExecutor) -> None:
+    def _steps(self, episode: _Episode, thread: ThreadPoolExecutor | None) -> None:
         """The steps of an episode, to its end or until no run is left."""
         random = episode.training and episode.trained < self.config.warmup_episodes
         observation = self._observe()[0]
@@ -131,8 +134,10 @@ class Lockstep:
             action = np.clip(policy + noise, -1, 1).astype(np.float32)
             self._worlds.start_step(action)
             update: Future[None] | None = None
-            if episode.learning:
+            if episode.learning and thread:
                 update = thread.submit(self._learner.learn, self.alive, step)
+            elif episode.learning:
+                self._learner.learn(self.alive, step)
             self._worlds.finish_step()
             after, estimates, scores = self._observe()
             if update:

@@ -12,6 +12,8 @@ HELP = "install EGL (`apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri`) or 
 def choose_backend() -> None:
     """Select EGL where the user chose nothing: it needs no display. Must run before `import mujoco`."""
     if sys.platform == "linux":
+        # Mesa's software renderer: small frames in many processes; threads of its own would only take their cores.
+        os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.setdefault("MUJOCO_GL", "egl")
         if os.environ["MUJOCO_GL"] in ("egl", "osmesa"):
             os.environ.setdefault("PYOPENGL_PLATFORM", os.environ["MUJOCO_GL"])

@@ -6,8 +6,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.perception import frozen
 from stages.device import arithmetic
+from stages.perception import frozen
 from stages.perception.normalisation import Normalisation, measure
 from stages.perception.resnet34 import ResNet34
 

@@ -12,14 +12,15 @@ from safetensors.numpy import load_file
 from schemas import tables
 from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.progress import Silent
-from stages.policy import checkpoint, train
+from stages.policy import checkpoint, group, train
 from stages.policy.checkpoint import Position
 from stages.policy.config import RunConfig, RunResult, RunSpec, TD3Config
+from stages.policy.group import Schedule
 from stages.policy.log import RunLog
 from stages.policy.loop import Lockstep
 from stages.policy.replay_buffer import ReplayBuffer
+from stages.policy.resources import Resources
 from stages.policy.td3 import TD3
-from stages.policy.train import Resources, Schedule
 from stages.sim.config import WorldConfig
 from tests.fake_worlds import FakeEstimator, FakeWorlds
 
@@ -58,14 +59,14 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> dict[int, int]:
         worlds.diverge_at = diverge
         return worlds
 
-    monkeypatch.setattr(train, "WorldPool", make)
-    monkeypatch.setattr(train.Estimator, "load", lambda *_, **__: FakeEstimator())
+    monkeypatch.setattr(group, "WorldPool", make)
+    monkeypatch.setattr(group.Estimator, "load", lambda *_, **__: FakeEstimator())
     return diverge
 
 
 def _train(specs: list[RunSpec], estimator: bool = True) -> list[RunResult]:
     path, results = Path("estimator") if estimator else None, []
-    train.run(specs, path, resources=Resources(), finished=results.append, progress=Silent())
+    train.run(specs, path, resources=Resources(processes=1), finished=results.append, progress=Silent())
     return results
 
 
@@ -287,7 +288,7 @@ class TestResume:
 
         monkeypatch.setattr(Lockstep, "train_episode", stopping)
         with pytest.raises(KeyboardInterrupt):
-            train.run(specs, Path("e"), resources=Resources(), finished=results.append, progress=Silent())
+            train.run(specs, Path("e"), resources=Resources(processes=1), finished=results.append, progress=Silent())
         assert [result.run_id for result in results] == [specs[0].run_id]
 
     def test_a_damaged_checkpoint_is_a_clear_error(self, tmp_path: Path) -> None:

@@ -1,0 +1,161 @@
+"""Runs that step in lockstep in one process: resume them, train, evaluate, keep the policy."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from schemas.progress import Progress, Task
+from stages.memory import keep_freed_memory
+from stages.perception.estimator import Estimator
+from stages.policy import checkpoint
+from stages.policy.checkpoint import Position
+from stages.policy.config import RunResult, RunSpec
+from stages.policy.log import RunLog
+from stages.policy.loop import Lockstep
+from stages.policy.observation import observation_dim
+from stages.policy.replay_buffer import ReplayBuffer
+from stages.policy.resources import Share
+from stages.policy.td3 import TD3
+from stages.sim.camera import misaligned, nominal_pose
+from stages.sim.config import CameraConfig
+from stages.sim.pool import View, WorldPool
+
+START = Position(0, 0)
+
+
+def train_group(group: list[RunSpec], estimator: Path | None, share: Share, progress: Progress) -> list[RunResult]:
+    """Train runs of one task, world, configuration and resume point in lockstep, in this process."""
+    keep_freed_memory()
+    loaded = Estimator.load(estimator, device=share.device) if estimator else None
+    first = group[0]
+    worlds = WorldPool(first.world, first.task, len(group), _view(group, loaded), share.workers)
+    try:
+        dims = observation_dim(first.config.proprioception), worlds.action_dim
+        td3 = TD3(first.config.td3, *dims, [spec.seed for spec in group], share.device)
+        capacity = min(first.config.td3.buffer_size, first.config.episodes * first.world.horizon)
+        buffer = ReplayBuffer(len(group), capacity, *dims)
+        logs = [RunLog(spec, *dims) for spec in group]
+        position = _resume(group, td3, buffer, logs)
+        lockstep = Lockstep(group, worlds, loaded, td3, buffer, logs, threads=share.threads, overlap=share.overlap)
+        Schedule(lockstep, td3, group, logs).run(position, progress)
+    finally:
+        worlds.close()
+    return [_result(lockstep, td3, row) for row in range(len(group))]
+
+
+def _view(group: list[RunSpec], estimator: Estimator | None) -> View | None:
+    """Each run's camera: the estimator's nominal one, misaligned as the run says."""
+    if estimator is None:
+        return None
+    camera = CameraConfig.model_validate(estimator.camera)
+    nominal, pivot = nominal_pose(camera), np.array(camera.target)
+    poses = [misaligned(nominal, spec.misalignment_kind, spec.misalignment_deg, pivot) for spec in group]
+    return View(tuple(poses), camera.image_size, camera.fovy)
+
+
+def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[RunLog]) -> Position:
+    """Put every run back to the newest checkpoint all have; the log is the source of the replay buffer."""
+    common = set.intersection(*(set(checkpoint.available(spec.out)) for spec in group))
+    position = max(common, default=START)
+    for row, (spec, log) in enumerate(zip(group, logs, strict=True)):
+        if position == START:
+            log.restore({"parts": 0, "episodes": 0, "evaluations": 0, "updates": 0})
+            continue
+        log.restore(checkpoint.load(spec.out, position, td3, row).counts)
+        _refill(buffer, row, spec, log, position.episodes)
+    return position
+
+
+def _refill(buffer: ReplayBuffer, row: int, spec: RunSpec, log: RunLog, episodes: int) -> None:
+    """The buffer as it was after `episodes` training episodes, the switch at its place."""
+    data = log.training_transitions()
+    switch = spec.config.switch_episode if spec.scheme == "dense2sparse" else episodes
+    fields = ("observation", "action", "reward_used", "reward_sparse", "next_observation", "terminated")
+    before = data["episode"] < switch
+    buffer.add(row, *(data[name][before] for name in fields))
+    if switch < episodes:
+        buffer.switch(row, spec.config.buffer)
+        buffer.add(row, *(data[name][~before] for name in fields))
+
+
+class Schedule:
+    """The order of training episodes, evaluations and checkpoints (SPEC §5)."""
+
+    def __init__(self, lockstep: Lockstep, td3: TD3, group: list[RunSpec], logs: list[RunLog]) -> None:
+        self._lockstep, self._td3, self._group, self._logs = lockstep, td3, group, logs
+        self._config = group[0].config
+
+    def run(self, position: Position, progress: Progress) -> None:
+        """From `position` to the end."""
+        config = self._config
+        total = config.episodes + config.episodes // config.eval_every * config.eval_episodes + config.final_episodes
+        evaluated = position.episodes // config.eval_every * config.eval_episodes
+        done = position.episodes + evaluated + position.final
+        with progress.task(f"{self._group[0].task}, {len(self._group)} runs", total, done) as task:
+            for episode in range(position.episodes, config.episodes):
+                if self._lockstep.alive:
+                    self._train(episode, task)
+            for final in range(position.final, config.final_episodes, config.checkpoint_every):
+                if self._lockstep.alive:
+                    self._final(final, task)
+
+    def _train(self, episode: int, task: Task) -> None:
+        config, done = self._config, episode + 1
+        self._lockstep.train_episode(episode, task)
+        if done % config.eval_every == 0:
+            first = (done // config.eval_every - 1) * config.eval_episodes
+            self._lockstep.evaluate("eval", first, config.eval_episodes, done, task)
+            self._lockstep.summarise_evaluation("eval", first, config.eval_episodes, done)
+        if done % config.checkpoint_every == 0 or done == config.episodes:
+            self._checkpoint(Position(done, 0))
+
+    def _final(self, first: int, task: Task) -> None:
+        config = self._config
+        count = min(config.checkpoint_every, config.final_episodes - first)
+        self._lockstep.evaluate("final", first, count, config.episodes, task)
+        if first + count == config.final_episodes:
+            self._lockstep.summarise_evaluation("final", 0, config.final_episodes, config.episodes)
+        self._checkpoint(Position(config.episodes, first + count))
+
+    def _checkpoint(self, position: Position) -> None:
+        for row in self._lockstep.alive:
+            self._logs[row].flush()
+            checkpoint.save(self._group[row].out, position, self._td3, row, self._logs[row].counts())
+
+
+def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
+    spec, log, error = lockstep.specs[row], lockstep.logs[row], lockstep.errors[row]
+    log.flush()
+    summary = _summary(lockstep, log)
+    if error is not None:
+        return RunResult(spec.run_id, "failed", summary, error)
+    description = {
+        "task": spec.task,
+        "proprioception": spec.config.proprioception,
+        "hidden": list(spec.config.td3.hidden),
+        "observation_dim": td3.actor_net.sizes[0],
+        "action_dim": td3.actor_net.sizes[-1],
+        "summary": summary,
+    }
+    checkpoint.publish(spec.out, td3, row, description)
+    return RunResult(spec.run_id, "complete", summary)
+
+
+def _summary(lockstep: Lockstep, log: RunLog) -> dict[str, Any]:
+    """Headline figures of a run for its manifest."""
+    evaluations, episodes = log.rows("evaluations"), log.rows("episodes")
+    final = next((row for row in reversed(evaluations) if row["split"] == "final"), None)
+    last = final or (evaluations[-1] if evaluations else None)
+    trained = sum(row["split"] == "train" for row in episodes)
+    errors = [row["mean_estimation_error"] for row in episodes if row["mean_estimation_error"] is not None]
+    return {
+        "episodes": trained,
+        "global_steps": trained * lockstep.horizon,
+        "final_return": last and last["mean_return"],
+        "final_success_rate": last and last["success_rate"],
+        "best_eval_return": max((r["mean_return"] for r in evaluations if r["split"] == "eval"), default=None),
+        "estimation_error": float(np.mean(errors)) if errors else None,
+        "steps_per_second": lockstep.steps / lockstep.seconds if lockstep.seconds else None,
+        "wall_time_s": float(sum(row["wall_time_s"] for row in episodes)),
+    }

@@ -1,0 +1,122 @@
+"""Parts of a group trained side by side, each in a process of its own."""
+
+import multiprocessing
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from schemas.errors import MachineError, PipelineError
+from schemas.progress import Progress, Task
+from stages.policy.config import RunResult, RunSpec
+from stages.policy.group import train_group
+from stages.policy.resources import Share
+from stages.sim.processes import end_with_parent, interrupts_ignored
+
+
+def train_side_by_side(
+    parts: Sequence[list[RunSpec]], estimator: Path | None, share: Share, progress: Progress
+) -> Iterator[RunResult]:
+    """Results of all runs, part by part as they end.
+
+    Raises:
+        PipelineError: what a part could not do; the others are stopped, to be resumed from their checkpoints.
+    """
+    children = [_Child(part, estimator, share) for part in parts]
+    try:
+        begun = [child.receive()[1] for child in children]  # (episodes in all, episodes done)
+        total, done = (sum(counts) for counts in zip(*begun, strict=True))
+        label = f"{parts[0][0].task}, {sum(len(part) for part in parts)} runs"
+        with progress.task(label, total, done) as task:
+            yield from _results(children, task)
+    finally:
+        for child in children:
+            child.close()
+
+
+def _results(children: list["_Child"], task: Task) -> Iterator[RunResult]:
+    busy = {child.pipe: child for child in children}
+    while busy:
+        for pipe in wait(list(busy)):
+            child = busy[pipe]  # type: ignore[index]  # `wait` gives back what it was given
+            kind, content = child.receive()
+            if kind == "results":
+                del busy[child.pipe]
+                yield from content
+            else:
+                child.note_episodes(content)
+                task.advance(content)
+                task.note(f"{sum(child.rate for child in busy.values()):.0f} env steps/s")
+
+
+class _Child:
+    """A part in its process, and what it says."""
+
+    def __init__(self, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
+        context = multiprocessing.get_context("spawn")  # a forked OpenGL or torch state is undefined
+        self.pipe, theirs = context.Pipe(duplex=False)
+        self.rate = 0.0  # environment steps/s of the last episode
+        self._steps = len(part) * part[0].world.horizon
+        self._since = time.monotonic()
+        arguments = (theirs, part, estimator, share)
+        self._process = context.Process(target=_serve, args=arguments, name=f"train-{part[0].run_id}")
+        with interrupts_ignored():
+            self._process.start()
+        theirs.close()
+
+    def receive(self) -> tuple[str, Any]:
+        """The next message; an error that is one is raised."""
+        try:
+            kind, content = self.pipe.recv()
+        except EOFError as error:
+            raise self._died() from error
+        if kind == "error":
+            raise content
+        return kind, content
+
+    def note_episodes(self, count: int) -> None:
+        """Keep the rate of episodes that were just finished."""
+        now = time.monotonic()
+        self.rate, self._since = count * self._steps / (now - self._since), now
+
+    def close(self) -> None:
+        """Have the process end: at once where it is not done."""
+        self.pipe.close()
+        self._process.join(timeout=0 if self._process.is_alive() else None)
+        self._process.kill()
+        self._process.join()
+
+    def _died(self) -> MachineError:
+        self._process.join(timeout=1)
+        code = self._process.exitcode
+        return MachineError(f"a training process died (exit code {code}); what was finished is on disk: use --resume")
+
+
+def _serve(pipe: Connection, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    try:
+        pipe.send(("results", train_group(part, estimator, share, _Reported(pipe))))
+    except PipelineError as error:
+        pipe.send(("error", error))
+
+
+class _Reported:
+    """Progress of a part, sent to the parent: `begin` once, then `advance`."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    @contextmanager
+    def task(self, label: str, total: int, done: int = 0) -> Iterator["_Reported"]:
+        del label
+        self._pipe.send(("begin", (total, done)))
+        yield self
+
+    def advance(self, units: int = 1) -> None:
+        self._pipe.send(("advance", units))
+
+    def note(self, text: str) -> None:
+        del text  # the parent adds up the rates of all parts
