@@ -10,6 +10,7 @@ from benchmarks.measure import milliseconds
 from benchmarks.training import IMAGE_SIZE
 from stages.device import arithmetic
 from stages.perception.frozen import FrozenResNet34
+from stages.perception.quantised import measure_ranges
 from stages.perception.resnet34 import ResNet34
 from stages.policy.config import TD3Config
 from stages.policy.observation import observation_dim
@@ -67,8 +68,9 @@ def _networks(runs: int, dtype: torch.dtype, gflops: float) -> dict[str, tuple[f
     batch = Batch(*(torch.zeros(runs, config.batch_size, *shape) for shape in _shapes(observations)))
     noise = torch.zeros(runs, config.batch_size, ACTION_DIM)
     pair = milliseconds(lambda: (td3.update(batch, noise), td3.update(batch, noise)))  # of which one moves the actor
-    network = FrozenResNet34(ResNet34().eval(), dtype, torch.device("cpu"))
-    images = torch.rand(runs, 3, IMAGE_SIZE, IMAGE_SIZE)
+    images = torch.randn(runs, 3, IMAGE_SIZE, IMAGE_SIZE)
+    resnet34 = ResNet34().eval()
+    network = FrozenResNet34(resnet34, dtype, torch.device("cpu"), measure_ranges(resnet34, images))
     inference = milliseconds(lambda: network(images)) / runs
     shape = observations, ACTION_DIM, config.hidden, config.batch_size, config.policy_delay
     return {

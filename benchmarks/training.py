@@ -14,6 +14,7 @@ import torch
 
 from stages.perception.estimator import EstimatorCard, save_estimator
 from stages.perception.normalisation import Normalisation
+from stages.perception.quantised import measure_ranges
 from stages.perception.resnet34 import ResNet34
 from stages.policy.config import RunConfig, RunResult, RunSpec, Scheme
 from stages.policy.resources import Resources
@@ -104,6 +105,7 @@ def random_estimator(root: Path) -> Path:
     directory = root / "estimator"
     directory.mkdir()
     torch.manual_seed(0)
+    network = ResNet34().eval()
     card = EstimatorCard(
         estimator="random",
         dataset="none",
@@ -116,6 +118,7 @@ def random_estimator(root: Path) -> Path:
         cube_min=(-0.2, -0.2, 0.8),
         cube_max=(0.2, 0.2, 0.9),
         best_epoch=0,
+        ranges=measure_ranges(network, torch.randn(8, 3, IMAGE_SIZE, IMAGE_SIZE)),
     )
-    save_estimator(directory, card, ResNet34().state_dict())
+    save_estimator(directory, card, network.state_dict())
     return directory

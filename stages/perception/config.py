@@ -18,6 +18,8 @@ class PerceptionConfig(Config):
     weight_decay: Annotated[float, Field(ge=0, le=1)] = 1e-4
     precision: Precision = "bfloat16"
     """Arithmetic of training (autocast) and of the estimator; trained weights stay float32."""
+    quantise: bool = True
+    """Let CPUs made for it run the trained estimator in 8-bit integers: a third less time, the error about the same."""
     test_misalignments: tuple[Annotated[float, Field(ge=0, le=90)], ...] = (5.0, 10.0)
     """Angles [degrees] at which the test frames are re-rendered, for both kinds of misalignment."""
     checkpoint_epochs: Annotated[int, Field(ge=1)] = 1

@@ -18,6 +18,7 @@ from schemas.tables import SCHEMA_VERSION
 from stages.device import arithmetic, torch_device
 from stages.perception.frozen import FrozenResNet34
 from stages.perception.normalisation import Normalisation, Triple
+from stages.perception.quantised import Ranges
 from stages.perception.resnet34 import ResNet34
 
 WEIGHTS_FILE = "estimator.safetensors"
@@ -41,6 +42,8 @@ class EstimatorCard(Config):
     """Corners [m] of the training positions, world frame; beyond them the estimator extrapolates."""
     best_epoch: int
     """Epoch of the kept weights: the one of lowest validation error."""
+    ranges: Ranges | None = None
+    """Ranges of the activations, by which CPUs that can run the network in 8-bit integers; None: none should."""
 
 
 def save_estimator(directory: Path, card: EstimatorCard, weights: dict[str, Tensor]) -> None:
@@ -57,17 +60,17 @@ class Estimator:
         self.camera: dict[str, Any] = card.camera
         self.image_size: int = card.image_size
         self._device = device
-        self._network = FrozenResNet34(network, arithmetic(card.precision, device), device)
+        self._network = FrozenResNet34(network, arithmetic(card.precision, device), device, card.ranges)
 
     @classmethod
     def load(cls, directory: Path, device: str = "cpu", precision: Precision | None = None) -> "Estimator":
-        """Rebuild the estimator in `directory`; `precision` overrides the one it was trained for.
+        """Rebuild the estimator in `directory`; `precision` overrides what its card says, 8-bit integers included.
 
         Raises ArtifactError when a file is missing, damaged or newer than this code, MachineError without `device`.
         """
         card = _read_card(directory / CARD_FILE)
         if precision is not None:
-            card = card.model_copy(update={"precision": precision})
+            card = card.model_copy(update={"precision": precision, "ranges": None})
         return cls(card, _read_network(directory / WEIGHTS_FILE), torch_device(device))
 
     def predict(self, images: np.ndarray) -> np.ndarray:

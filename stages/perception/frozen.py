@@ -19,7 +19,8 @@ from torch.nn.functional import conv2d, max_pool2d
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from stages.device import has_onednn
-from stages.perception.resnet34 import STAGES, BasicBlock, ResNet34
+from stages.perception.quantised import QuantisedBlocks, Ranges, is_supported
+from stages.perception.resnet34 import BasicBlock, ResNet34, residual_blocks
 
 
 @dataclass(frozen=True)
@@ -66,12 +67,17 @@ class FrozenResNet34:
     On a CPU an image's output is the same to the bit whatever else is in the batch.
     """
 
-    def __init__(self, network: ResNet34, dtype: torch.dtype, device: torch.device) -> None:
+    def __init__(
+        self, network: ResNet34, dtype: torch.dtype, device: torch.device, ranges: Ranges | None = None
+    ) -> None:
+        """With `ranges` of its activations the blocks run in integers, where the CPU is made for it."""
         self._dtype, self._device = dtype, device
         network = copy.deepcopy(network).float().cpu().eval()
         self._stem = self._freeze(network.conv1, network.bn1)
-        blocks = [block for stage in range(1, len(STAGES) + 1) for block in getattr(network, f"layer{stage}")]
-        self._blocks = [self._freeze_block(block) for block in blocks]
+        self._quantised = None
+        if ranges is not None and device.type == "cpu" and is_supported():
+            self._quantised = QuantisedBlocks(network, ranges)
+        self._blocks = [] if self._quantised else [self._freeze_block(block) for block in residual_blocks(network)]
         self._fc_weight = network.fc.weight.detach().to(device)  # (3, 512)
         self._fc_bias = network.fc.bias.detach().to(device)  # (3,)
 
@@ -97,6 +103,8 @@ class FrozenResNet34:
     def __call__(self, images: Tensor) -> Tensor:
         x = images.to(self._device, self._dtype, memory_format=torch.channels_last)
         x = max_pool2d(self._stem(x), 3, 2, padding=1)
+        if self._quantised:
+            x = self._quantised(x)
         for block in self._blocks:
             x = block(x)
         features = x.float().mean(dim=(2, 3))  # (n, 512)

@@ -70,6 +70,11 @@ class ResNet34(nn.Module):
         return self.fc(x.mean(dim=(2, 3)))
 
 
+def residual_blocks(network: ResNet34) -> list[BasicBlock]:
+    """All blocks, first to last."""
+    return [block for stage in range(1, len(STAGES) + 1) for block in getattr(network, f"layer{stage}")]
+
+
 def load_weights(network: ResNet34, file: Path) -> None:
     """Start `network` from public ImageNet weights (safetensors, or a torch file of tensors only).
 

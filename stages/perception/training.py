@@ -24,11 +24,14 @@ from stages.perception.estimator import Estimator, EstimatorCard, save_estimator
 from stages.perception.evaluation import evaluate
 from stages.perception.metrics import ErrorSummary, summarise
 from stages.perception.normalisation import Normalisation, measure
+from stages.perception.quantised import Ranges, measure_ranges
 from stages.perception.resnet34 import ResNet34, load_weights
 
 _WARM_UP = 0.2
 """Share of the steps in which the learning rate rises."""
 _INFERENCE_BATCH = 256
+_RANGE_FRAMES = 256
+"""Frames that the ranges of activations are taken from: more of the same scene hardly widen them."""
 
 
 def run(
@@ -52,7 +55,8 @@ def run(
     state = trainer.start(weights)
     restore_checkpoint(state, out)
     trainer.fit(state, out, estimator, progress)
-    save_estimator(out, _card(config, frames, trainer.normalisation, estimator, state.best_epoch), state.best)
+    ranges = trainer.ranges(state.best) if config.quantise else None
+    save_estimator(out, _card(config, frames, trainer.normalisation, estimator, state.best_epoch, ranges), state.best)
     loaded = Estimator.load(out, config.device)  # tested as it will be used: from the artifact, folded, on this device
     started = time.monotonic()
     recorded, misaligned = evaluate(loaded, frames, config.test_misalignments, estimator, rerender, out, progress)
@@ -122,6 +126,14 @@ class Trainer:
                 write_epochs(state.rows, estimator, out)
                 if state.epoch % self.config.checkpoint_epochs == 0 or state.epoch == epochs:
                     save_checkpoint(state, out)
+
+    def ranges(self, weights: dict[str, Tensor]) -> Ranges:
+        """Ranges of the activations over training frames evenly spaced."""
+        with torch.device("meta"):
+            network = ResNet34()
+        network.load_state_dict(weights, assign=True)
+        rows = self.train[np.linspace(0, len(self.train) - 1, min(_RANGE_FRAMES, len(self.train))).astype(int)]
+        return measure_ranges(network.eval(), self.normalisation.images(torch.from_numpy(self.frames.images[rows])))
 
     def _epoch(self, state: TrainingState, task: Task) -> ErrorSummary:
         started = time.monotonic()
@@ -198,7 +210,12 @@ def _row(split: str, epoch: int, errors: ErrorSummary, rate: float, seconds: flo
 
 
 def _card(
-    config: PerceptionConfig, frames: Frames, normalisation: Normalisation, estimator: str, best_epoch: int
+    config: PerceptionConfig,
+    frames: Frames,
+    normalisation: Normalisation,
+    estimator: str,
+    best_epoch: int,
+    ranges: Ranges | None,
 ) -> EstimatorCard:
     positions = frames.positions[frames.indices("train")]
     return EstimatorCard(
@@ -211,4 +228,5 @@ def _card(
         cube_min=tuple(positions.min(axis=0).tolist()),
         cube_max=tuple(positions.max(axis=0).tolist()),
         best_epoch=best_epoch,
+        ranges=ranges,
     )

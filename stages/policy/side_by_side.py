@@ -11,6 +11,7 @@ from typing import Any
 
 from schemas.errors import MachineError, PipelineError
 from schemas.progress import Progress, Task
+from stages.memory import use_huge_pages
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.group import train_group
 from stages.policy.resources import Share
@@ -25,6 +26,7 @@ def train_side_by_side(
     Raises:
         PipelineError: what a part could not do; the others are stopped, to be resumed from their checkpoints.
     """
+    use_huge_pages()
     children = [_Child(part, estimator, share) for part in parts]
     try:
         begun = [child.receive()[1] for child in children]  # (episodes in all, episodes done)

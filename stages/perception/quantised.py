@@ -1,0 +1,149 @@
+"""The residual blocks of a ResNet34 in 8-bit integers, as they run in the control loop of CPUs that multiply them fast.
+
+Weights are symmetric per output channel, activations unsigned with one step per tensor, measured on training frames;
+products are summed in 32 bits (Jacob et al. 2018). Stem, pooling and the last layer are left as they are.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from stages.perception.resnet34 import BasicBlock, ResNet34, residual_blocks
+
+Ranges = tuple[tuple[float, float], ...]
+"""Lowest and highest value of each activation that becomes an integer, in the order of `measure_ranges`."""
+
+
+def is_supported() -> bool:
+    """Whether torch has the operators and this CPU the instructions: without them 8 bits are slower than 16."""
+    operators = all(hasattr(torch.ops.onednn, name) for name in ("qconv_prepack", "qconv2d_pointwise"))
+    vnni = getattr(torch.cpu, "_is_vnni_supported", lambda: False)
+    return operators and torch.backends.mkldnn.is_available() and bool(vnni())
+
+
+@torch.inference_mode()
+def measure_ranges(network: ResNet34, images: Tensor) -> Ranges:
+    """Ranges of the blocks' input, and of each block's first convolution, shortcut where it has one, and output.
+
+    `images` (n, 3, h, w) are normalised; the network is in evaluation mode.
+    """
+    x = network.maxpool(torch.relu_(network.bn1(network.conv1(images))))
+    ranges = [_range(x)]
+    for block in residual_blocks(network):
+        ranges.append(_range(torch.relu(block.bn1(block.conv1(x)))))
+        if block.downsample is not None:
+            ranges.append(_range(block.downsample(x)))
+        x = block(x)
+        ranges.append(_range(x))
+    return tuple(ranges)
+
+
+class QuantisedBlocks:
+    """Output of the stem (n, 64, h, w) → features (n, 512, h', w') float32.
+
+    An image's output is the same to the bit whatever else is in the batch.
+    """
+
+    def __init__(self, network: ResNet34, ranges: Ranges) -> None:
+        scales = iter([_Scale.of(low, high) for low, high in ranges])
+        self._input = scale = next(scales)
+        self._blocks: list[_Block] = []
+        for block in residual_blocks(network):
+            self._blocks.append(_Block.of(block, scale, scales))
+            scale = self._blocks[-1].output
+        self._output = scale
+
+    def __call__(self, x: Tensor) -> Tensor:
+        quantised = self._input.quantise(x)
+        for block in self._blocks:
+            quantised = block(quantised)
+        return self._output.real(quantised)
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """real = step · (integer − zero), integers 0 … 255."""
+
+    step: float
+    zero: int
+
+    @staticmethod
+    def of(low: float, high: float) -> "_Scale":
+        low, high = min(low, 0.0), max(high, 0.0)  # zero must be exact: it pads the images
+        step = max(high - low, 1e-6) / 255
+        return _Scale(step, round(-low / step))
+
+    def quantise(self, values: Tensor) -> Tensor:
+        return (values.float() / self.step + self.zero).round_().clamp_(0, 255).to(torch.uint8)
+
+    def real(self, integers: Tensor) -> Tensor:
+        return (integers.float() - self.zero) * self.step
+
+
+class _Convolution:
+    """Convolution + bias [+ shortcut] [+ ReLU], from integers to integers."""
+
+    def __init__(
+        self, convolution: torch.nn.Conv2d, norm: torch.nn.BatchNorm2d, source: _Scale, target: _Scale
+    ) -> None:
+        folded = fuse_conv_bn_eval(convolution, norm)
+        assert folded.bias is not None  # it holds the norm's shift
+        weight = folded.weight.detach()
+        self._steps = weight.abs().amax(dim=(1, 2, 3)).clamp(min=1e-12) / 127  # (outputs,)
+        integers = (weight / self._steps[:, None, None, None]).round().to(torch.int8)
+        padding = (convolution.kernel_size[0] // 2,) * 2
+        self._shape = convolution.stride, padding, (1, 1), 1
+        self._packed = torch.ops.onednn.qconv_prepack(integers, self._steps, source.step, source.zero, *self._shape)
+        self._zeros = torch.zeros(len(weight), dtype=torch.int64)
+        self._bias, self._source, self._target = folded.bias.detach(), source, target
+
+    def __call__(self, x: Tensor, relu: bool = True) -> Tensor:
+        activation = "relu" if relu else "none"
+        return torch.ops.onednn.qconv2d_pointwise(*self._operands(x), *self._into(), activation, [], "")
+
+    def add_to(self, shortcut: Tensor, scale: _Scale, x: Tensor) -> Tensor:
+        """relu(convolution + shortcut), written over `shortcut`, whose scale is given."""
+        operator = torch.ops.onednn.qconv2d_pointwise.binary
+        accumulator = scale.step, scale.zero, "sum", 1.0, "relu", [], ""
+        x, *operands = self._operands(x)
+        *weights, bias, stride, padding, dilation, groups = operands
+        return operator(x, *weights, shortcut, bias, stride, padding, dilation, groups, *self._into(), *accumulator)
+
+    def _operands(self, x: Tensor) -> tuple:
+        source = self._source
+        return x, source.step, source.zero, self._packed, self._steps, self._zeros, self._bias, *self._shape
+
+    def _into(self) -> tuple[float, int, torch.dtype]:
+        return self._target.step, self._target.zero, torch.uint8
+
+
+@dataclass(frozen=True)
+class _Block:
+    first: _Convolution
+    second: _Convolution
+    downsample: _Convolution | None
+    shortcut: _Scale
+    output: _Scale
+
+    @staticmethod
+    def of(block: BasicBlock, source: _Scale, scales: Iterator[_Scale]) -> "_Block":
+        middle = next(scales)
+        first = _Convolution(block.conv1, block.bn1, source, middle)
+        downsample, shortcut = None, source
+        if block.downsample is not None:
+            shortcut = next(scales)
+            downsample = _Convolution(block.downsample[0], block.downsample[1], source, shortcut)
+        output = next(scales)
+        return _Block(first, _Convolution(block.conv2, block.bn2, middle, output), downsample, shortcut, output)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        middle = self.first(x)
+        shortcut = x if self.downsample is None else self.downsample(x, relu=False)
+        return self.second.add_to(shortcut, self.shortcut, middle)
+
+
+def _range(values: Tensor) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
