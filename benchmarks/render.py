@@ -80,8 +80,9 @@ def run(quick: bool) -> Outcome:
         figures[f"background of a new pose at {size}² [ms]"] = background_ms(ours[size], states[0], pose)
     parts = frame_parts(ours[big], some, pose)
     figures["fraction of the limit"] = sum(p.limit or 0 for p in parts) / sum(p.milliseconds for p in parts)
-    for drawing in (stock, *ours.values()):
-        drawing.close()
+    stock.close()
+    for renderer in ours.values():
+        renderer.close()
     return Outcome(
         benchmark="render",
         compares=f"one {big}² frame of a known camera pose, against robosuite's offscreen renderer with its defaults",

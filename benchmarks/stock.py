@@ -4,6 +4,10 @@ The same sizes, spaces and update schedule as ours. The public packages' default
 resets are soft, for a hard one recompiles the scene at every episode.
 """
 
+import multiprocessing
+import os
+import time
+from multiprocessing.connection import Connection
 from typing import Any
 
 import gymnasium
@@ -87,6 +91,39 @@ def make_td3(environment: gymnasium.Env, config: TD3Config, learning_starts: int
         seed=0,
         device="cpu",
     )
+
+
+class StockLoop:
+    """The stock training loop in a process of its own, past its random start, without our settings of the machine."""
+
+    def __init__(self, config: TD3Config, image_size: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, config, image_size), daemon=True)
+        self._process.start()
+        self._pipe.recv()  # ready
+
+    @property
+    def pid(self) -> int | None:
+        """Of its process."""
+        return self._process.pid
+
+    def rate(self, steps: int) -> float:
+        """Environment steps/s of as many steps of training."""
+        self._pipe.send(steps)
+        return self._pipe.recv()
+
+
+def _serve(pipe: Connection, config: TD3Config, image_size: int) -> None:
+    os.environ.pop("LP_NUM_THREADS", None)  # ours; users have the renderer's default
+    model = make_td3(CameraReach(WorldConfig(), image_size), config, learning_starts=10)
+    model.learn(20)
+    pipe.send("ready")
+    while True:
+        steps = pipe.recv()
+        started = time.perf_counter()
+        model.learn(steps, reset_num_timesteps=False)
+        pipe.send(steps / (time.perf_counter() - started))
 
 
 def filled_td3(config: TD3Config, transitions: int) -> TD3:

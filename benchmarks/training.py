@@ -32,9 +32,9 @@ class Rounds:
     processes stand still meanwhile.
     """
 
-    def __init__(self, runs: int, resources: Resources, after: Callable[[int, float], None]) -> None:
+    def __init__(self, runs: int, resources: Resources, after: Callable[[int, float], None], awake: int | None) -> None:
         self._processes = resources.share(runs).processes
-        self._steps, self._after = runs * WorldConfig().horizon, after
+        self._steps, self._after, self._awake = runs * WorldConfig().horizon, after, awake
         self._done, self._since = 0, time.perf_counter()
 
     @contextmanager
@@ -49,7 +49,7 @@ class Rounds:
         self._done += units
         if self._done % self._processes == 0:
             rate = self._steps / (time.perf_counter() - self._since)
-            with suspended():
+            with suspended(self._awake):
                 self._after(self._done // self._processes - 1, rate)
             self._since = time.perf_counter()
 
@@ -59,9 +59,9 @@ class Rounds:
 
 
 @contextmanager
-def suspended() -> Iterator[None]:
-    """All processes that this one started stand still in this block."""
-    others = psutil.Process().children(recursive=True)
+def suspended(awake: int | None) -> Iterator[None]:
+    """All processes that this one started stand still in this block, but the one with the id `awake`."""
+    others = [process for process in psutil.Process().children(recursive=True) if process.pid != awake]
     for process in others:
         process.suspend()
     try:
@@ -71,10 +71,13 @@ def suspended() -> Iterator[None]:
             process.resume()
 
 
-def train(runs: int, rounds: int, after: Callable[[int, float], None], resources: Resources) -> None:
+def train(
+    runs: int, rounds: int, after: Callable[[int, float], None], resources: Resources, awake: int | None = None
+) -> None:
     """Train `runs` reach runs for an episode without updates and `rounds` with, and forget them.
 
-    Logs and checkpoints are written every third episode, more often than by default.
+    Logs and checkpoints are written every third episode, more often than by default. The process with the id
+    `awake` does not stand still while `after` is called.
     """
     config = RunConfig(
         episodes=1 + rounds,
@@ -88,7 +91,7 @@ def train(runs: int, rounds: int, after: Callable[[int, float], None], resources
     with tempfile.TemporaryDirectory() as directory:
         root = Path(directory)
         specs = [_spec(root, number, config) for number in range(runs)]
-        progress = Rounds(runs, resources, after)
+        progress = Rounds(runs, resources, after, awake)
         run(specs, random_estimator(root), resources=resources, finished=results.append, progress=progress)
     assert [result.status for result in results] == ["complete"] * runs, results
 

@@ -6,9 +6,10 @@ products are summed in 32 bits (Jacob et al. 2018). Stem, pooling and the last l
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from stages.perception.resnet34 import BasicBlock, ResNet34, residual_blocks
@@ -86,38 +87,27 @@ class _Scale:
 class _Convolution:
     """Convolution + bias [+ shortcut] [+ ReLU], from integers to integers."""
 
-    def __init__(
-        self, convolution: torch.nn.Conv2d, norm: torch.nn.BatchNorm2d, source: _Scale, target: _Scale
-    ) -> None:
+    def __init__(self, convolution: nn.Module, norm: nn.Module, source: _Scale, target: _Scale) -> None:
+        assert isinstance(convolution, nn.Conv2d)
+        assert isinstance(norm, nn.BatchNorm2d)
         folded = fuse_conv_bn_eval(convolution, norm)
         assert folded.bias is not None  # it holds the norm's shift
         weight = folded.weight.detach()
-        self._steps = weight.abs().amax(dim=(1, 2, 3)).clamp(min=1e-12) / 127  # (outputs,)
-        integers = (weight / self._steps[:, None, None, None]).round().to(torch.int8)
-        padding = (convolution.kernel_size[0] // 2,) * 2
-        self._shape = convolution.stride, padding, (1, 1), 1
-        self._packed = torch.ops.onednn.qconv_prepack(integers, self._steps, source.step, source.zero, *self._shape)
-        self._zeros = torch.zeros(len(weight), dtype=torch.int64)
-        self._bias, self._source, self._target = folded.bias.detach(), source, target
+        steps = weight.abs().amax(dim=(1, 2, 3)).clamp(min=1e-12) / 127  # (outputs,)
+        integers = (weight / steps[:, None, None, None]).round().to(torch.int8)
+        shape = convolution.stride, (convolution.kernel_size[0] // 2,) * 2, (1, 1), 1
+        packed = torch.ops.onednn.qconv_prepack(integers, steps, source.step, source.zero, *shape)
+        self._source = source.step, source.zero, packed, steps, torch.zeros(len(weight), dtype=torch.int64)
+        self._rest: tuple[Any, ...] = folded.bias.detach(), *shape, target.step, target.zero, torch.uint8
 
     def __call__(self, x: Tensor, relu: bool = True) -> Tensor:
         activation = "relu" if relu else "none"
-        return torch.ops.onednn.qconv2d_pointwise(*self._operands(x), *self._into(), activation, [], "")
+        return torch.ops.onednn.qconv2d_pointwise(x, *self._source, *self._rest, activation, [], "")
 
     def add_to(self, shortcut: Tensor, scale: _Scale, x: Tensor) -> Tensor:
         """relu(convolution + shortcut), written over `shortcut`, whose scale is given."""
-        operator = torch.ops.onednn.qconv2d_pointwise.binary
-        accumulator = scale.step, scale.zero, "sum", 1.0, "relu", [], ""
-        x, *operands = self._operands(x)
-        *weights, bias, stride, padding, dilation, groups = operands
-        return operator(x, *weights, shortcut, bias, stride, padding, dilation, groups, *self._into(), *accumulator)
-
-    def _operands(self, x: Tensor) -> tuple:
-        source = self._source
-        return x, source.step, source.zero, self._packed, self._steps, self._zeros, self._bias, *self._shape
-
-    def _into(self) -> tuple[float, int, torch.dtype]:
-        return self._target.step, self._target.zero, torch.uint8
+        operator, accumulator = torch.ops.onednn.qconv2d_pointwise.binary, (scale.step, scale.zero)
+        return operator(x, *self._source, shortcut, *self._rest, *accumulator, "sum", 1.0, "relu", [], "")
 
 
 @dataclass(frozen=True)
@@ -135,7 +125,8 @@ class _Block:
         downsample, shortcut = None, source
         if block.downsample is not None:
             shortcut = next(scales)
-            downsample = _Convolution(block.downsample[0], block.downsample[1], source, shortcut)
+            convolution, norm = block.downsample
+            downsample = _Convolution(convolution, norm, source, shortcut)
         output = next(scales)
         return _Block(first, _Convolution(block.conv2, block.bn2, middle, output), downsample, shortcut, output)
 

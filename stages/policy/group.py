@@ -126,7 +126,7 @@ class Schedule:
 
 def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
     spec, log, error = lockstep.specs[row], lockstep.logs[row], lockstep.errors[row]
-    log.flush()
+    log.finish()
     summary = _summary(lockstep, log)
     if error is not None:
         return RunResult(spec.run_id, "failed", summary, error)

@@ -63,10 +63,8 @@ class RunLog:
         return self._rows[table]
 
     def flush(self) -> None:
-        """Write what was added since the last time. Where nothing was, the run is over: its parts are merged."""
+        """Write what was added since the last time."""
         news = [name for name, table in self._tables.items() if len(self._rows[name]) > table.num_rows]
-        if not news and not self._pending:
-            self._merge_parts()
         if self._pending:
             path = self._directory / f"part-{self._parts:05d}.parquet"
             write_parquet(_transitions_table(self._schema, self._identity, self._pending), path)
@@ -77,6 +75,11 @@ class RunLog:
             path = self._out / f"{name}.parquet"
             if name in news or not path.exists():
                 write_parquet(table, path)
+
+    def finish(self) -> None:
+        """The run is over: write what is left, and merge its parts."""
+        self.flush()
+        self._merge_parts()
 
     def counts(self) -> dict[str, int]:
         """How much is on disk, for a checkpoint to remember."""

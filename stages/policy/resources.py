@@ -42,4 +42,5 @@ class Resources:
         processes = min(processes, runs)
         spare = cores // processes  # cores of each process
         workers = self.workers if self.workers is not None else (spare if spare > 1 else 0)
-        return Share(self.device, processes, min(workers, runs), self.threads or max(1, spare))
+        most = -(-runs // processes)  # runs of the process that has most
+        return Share(self.device, processes, min(workers, most), self.threads or max(1, spare))

@@ -53,13 +53,13 @@ def test_parts_of_a_run_that_is_over_are_merged(spec: RunSpec, monkeypatch: pyte
     log = _write(spec, parts=5)
     before = _rows(spec)
     assert len(_paths(spec)) == 5
-    log.flush()
+    log.finish()
     assert [path.name for path in _paths(spec)] == [f"part-{number:05d}.parquet" for number in range(3)]
     assert [pq.read_metadata(path).num_rows for path in _paths(spec)] == [20, 20, 10]
     assert _rows(spec) == before
     assert [path.name for path in spec.out.iterdir() if path.name.startswith(".")] == []
     merged = [path.read_bytes() for path in _paths(spec)]
-    log.flush()
+    log.finish()
     assert [path.read_bytes() for path in _paths(spec)] == merged
 
 
@@ -77,13 +77,13 @@ def test_a_kill_while_merging_loses_nothing(spec: RunSpec, monkeypatch: pytest.M
 
     monkeypatch.setattr(Path, "rename", killed)
     with pytest.raises(KeyboardInterrupt):
-        log.flush()
+        log.finish()
     monkeypatch.undo()
     resumed = RunLog(spec, 24, 7)
     resumed.restore(counts)
     assert len(_paths(spec)) == 4
     assert _rows(spec) == before
-    resumed.flush()
+    resumed.finish()
     assert len(_paths(spec)) == 1
     assert _rows(spec) == before
     assert len(resumed.training_transitions()["episode"]) == 4 * STEPS

@@ -1,0 +1,79 @@
+"""Runs in several processes, with real worlds: the same bytes as in one, and no process left behind."""
+
+from pathlib import Path
+
+import psutil
+import pytest
+
+from schemas.errors import MachineError
+from schemas.progress import Silent
+from stages.policy import train
+from stages.policy.config import RunConfig, RunSpec, TD3Config
+from stages.policy.resources import Resources, Share
+from stages.sim.config import WorldConfig
+
+CONFIG = RunConfig(
+    episodes=3,
+    warmup_episodes=1,
+    eval_every=2,
+    eval_episodes=1,
+    final_episodes=1,
+    checkpoint_every=1,
+    td3=TD3Config(hidden=(16, 16), batch_size=16),
+)
+
+
+def _specs(root: Path) -> list[RunSpec]:
+    specs = []
+    for seed in range(3):
+        out = root / f"seed{seed}"
+        out.mkdir(parents=True)
+        specs.append(RunSpec(f"t/seed{seed}", "reach", "oracle", "pan", 0.0, seed, WorldConfig(horizon=5), CONFIG, out))
+    return specs
+
+
+def _bytes(spec: RunSpec) -> dict[str, bytes]:
+    """All that does not hold wall times."""
+    names = ["evaluations.parquet", "updates.parquet", "transitions/part-00000.parquet"]
+    return {name: (spec.out / name).read_bytes() for name in [*names, "checkpoints/policy.safetensors"]}
+
+
+def test_any_number_of_processes_workers_and_threads_gives_the_same_bytes(tmp_path: Path) -> None:
+    found = []
+    for processes, workers, threads in ((1, 0, 1), (1, 2, 2), (2, 0, 1), (3, 1, 2)):
+        specs, results = _specs(tmp_path / f"{processes}-{workers}-{threads}"), []
+        resources = Resources("cpu", processes, workers, threads)
+        train.run(specs, None, resources=resources, finished=results.append, progress=Silent())
+        assert sorted(result.run_id for result in results) == ["t/seed0", "t/seed1", "t/seed2"]
+        assert {result.status for result in results} == {"complete"}
+        found.append([_bytes(spec) for spec in specs])
+    assert found[0] == found[1] == found[2] == found[3]
+    assert found[0][0] != found[0][1], "seeds differ, or the comparison says nothing"
+    assert psutil.Process().children(recursive=True) == []
+
+
+def test_a_killed_process_is_reported_and_its_neighbours_are_stopped(tmp_path: Path) -> None:
+    class Killing(Silent):
+        def task(self, label: str, total: int, done: int = 0):
+            psutil.Process().children()[0].kill()
+            return super().task(label, total, done)
+
+    with pytest.raises(MachineError, match=r"training process died \(exit code -9\).*--resume"):
+        train.run(_specs(tmp_path), None, resources=Resources(processes=3), finished=lambda _: None, progress=Killing())
+    assert psutil.Process().children(recursive=True) == []
+
+
+@pytest.mark.parametrize(
+    ("asked", "runs", "cores", "share"),
+    [
+        (Resources(), 12, 2, Share("cpu", 2, 0, 1)),
+        (Resources(), 1, 2, Share("cpu", 1, 1, 2)),
+        (Resources(), 12, 16, Share("cpu", 12, 0, 1)),
+        (Resources(), 4, 16, Share("cpu", 4, 1, 4)),
+        (Resources("cuda"), 36, 16, Share("cuda", 1, 16, 16)),
+        (Resources("cpu", processes=1, workers=3, threads=2), 12, 2, Share("cpu", 1, 3, 2)),
+    ],
+)
+def test_who_gets_what(asked: Resources, runs: int, cores: int, share: Share, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.policy.resources.available_cores", lambda: cores)
+    assert asked.share(runs) == share
