@@ -33,7 +33,7 @@ def run(quick: bool) -> Outcome:
 
 def _rounds(runs: int) -> int:
     """Enough to measure: more where they are soon done."""
-    return 2 if runs >= 12 else 4
+    return max(1, min(4, 24 // runs))
 
 
 def _row(runs: int, processes: int, rounds: int, limit: float) -> dict[str, Any]:

@@ -7,6 +7,7 @@ resets are soft, for a hard one recompiles the scene at every episode.
 import multiprocessing
 import os
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -119,11 +120,12 @@ def _serve(pipe: Connection, config: TD3Config, image_size: int) -> None:
     model = make_td3(CameraReach(WorldConfig(), image_size), config, learning_starts=10)
     model.learn(20)
     pipe.send("ready")
-    while True:
-        steps = pipe.recv()
-        started = time.perf_counter()
-        model.learn(steps, reset_num_timesteps=False)
-        pipe.send(steps / (time.perf_counter() - started))
+    with suppress(EOFError):  # the parent is done
+        while True:
+            steps = pipe.recv()
+            started = time.perf_counter()
+            model.learn(steps, reset_num_timesteps=False)
+            pipe.send(steps / (time.perf_counter() - started))
 
 
 def filled_td3(config: TD3Config, transitions: int) -> TD3:

@@ -1,5 +1,8 @@
 """TD3 updates per second and run, in lockstep: ours against stable-baselines3's at equal sizes."""
 
+import multiprocessing
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from statistics import median
 
 import numpy as np
@@ -10,10 +13,12 @@ from benchmarks.measure import milliseconds, rate_of, ratio, side_by_side
 from benchmarks.outcome import Outcome, Part, Target
 from benchmarks.stock import ACTION_DIM, OBSERVATION_DIM, filled_td3
 from stages.device import arithmetic
-from stages.memory import keep_freed_memory
+from stages.memory import keep_freed_memory, use_huge_pages
 from stages.policy.config import TD3Config
 from stages.policy.replay_buffer import ReplayBuffer
+from stages.policy.resources import Resources, Share
 from stages.policy.td3 import TD3, Batch
+from stages.sim.processes import stay_on_own_cores
 
 RUNS = 12
 TRANSITIONS = 4000  # in each replay buffer
@@ -31,7 +36,6 @@ class _Runs:
             before, after = rng.standard_normal((2, TRANSITIONS, OBSERVATION_DIM), dtype=np.float32)
             action, zeros = rng.uniform(-1, 1, (TRANSITIONS, ACTION_DIM)), np.zeros(TRANSITIONS)
             self.buffer.add(run, before, action, zeros, zeros, after, zeros)
-        self.batch, self.noise = self.sample(), self.draw_noise()
 
     def sample(self) -> Batch:
         """A batch for every run."""
@@ -49,40 +53,69 @@ class _Runs:
             self.td3.update(self.sample(), self.draw_noise())
 
 
+class _Processes:
+    """Our TD3 for a number of runs in as many processes as training uses, each with its part of them."""
+
+    def __init__(self, config: TD3Config, runs: int) -> None:
+        context, share = multiprocessing.get_context("spawn"), Resources().share(runs)
+        self.runs, self.share, self._pipes = runs, share, []
+        use_huge_pages()
+        for index, part in enumerate(np.array_split(np.arange(runs), share.processes)):
+            pipe, theirs = context.Pipe()
+            arguments = (theirs, config, len(part), index, share)
+            context.Process(target=_serve, args=arguments, daemon=True).start()
+            self._pipes.append(pipe)
+        self.update(2)
+
+    def update(self, updates: int) -> None:
+        """So many updates of every run."""
+        for pipe in self._pipes:
+            pipe.send(updates)
+        for pipe in self._pipes:
+            pipe.recv()
+
+
+def _serve(pipe: Connection, config: TD3Config, runs: int, index: int, share: Share) -> None:
+    keep_freed_memory()
+    stay_on_own_cores(index, share.processes)
+    torch.set_num_threads(share.threads)
+    ours = _Runs(config, runs)
+    with suppress(EOFError):  # the parent is done
+        while True:
+            for _ in range(pipe.recv() // 2):
+                ours.update()
+            pipe.send("done")
+
+
 def run(quick: bool) -> Outcome:
     """Rates for 12 runs in lockstep and for one alone, on all cores."""
     updates, rounds = (4, 2) if quick else (40, 7)
-    keep_freed_memory()
     config = TD3Config()
+    exact = config.model_copy(update={"precision": "float32"})
     stock = filled_td3(config, 500 if quick else TRANSITIONS)
-    together, alone = _Runs(config, RUNS), _Runs(config, 1)
-    exact = _Runs(config.model_copy(update={"precision": "float32"}), RUNS)
-
-    def repeated(runs: _Runs) -> None:
-        for _ in range(updates // 2):
-            runs.update()
-
+    together, alone, rounded = _Processes(config, RUNS), _Processes(config, 1), _Processes(exact, RUNS)
     rates = side_by_side(
         {
-            "ours, 12 runs": rate_of(lambda: repeated(together), updates * RUNS),
+            "ours, 12 runs": rate_of(lambda: together.update(updates), updates * RUNS),
             "stock": rate_of(lambda: stock.train(updates, config.batch_size), updates),
-            "ours, 12 runs, float32": rate_of(lambda: repeated(exact), updates * RUNS),
-            "ours, 1 run": rate_of(lambda: repeated(alone), updates),
+            "ours, 12 runs, float32": rate_of(lambda: rounded.update(updates), updates * RUNS),
+            "ours, 1 run": rate_of(lambda: alone.update(updates), updates),
         },
         rounds,
     )
-    return _outcome(config, rates, together)
+    return _outcome(config, rates, together.share)
 
 
-def _outcome(config: TD3Config, rates: dict[str, list[float]], together: _Runs) -> Outcome:
+def _outcome(config: TD3Config, rates: dict[str, list[float]], share: Share) -> Outcome:
     dtype = arithmetic(config.precision, torch.device("cpu"))
     gflops = roofline.matrix_gflops(dtype)
     gflop = roofline.td3_gflop(OBSERVATION_DIM, ACTION_DIM, config.hidden, config.batch_size, config.policy_delay)
     update_ms = 1e3 / median(rates["ours, 12 runs"])
-    cores = torch.get_num_threads()
+    cores = share.processes * share.threads
+    part = _Runs(config, RUNS // share.processes)
     limit = gflop / gflops * 1e3
-    sampling = milliseconds(together.sample) / RUNS
-    noise = milliseconds(together.draw_noise) / RUNS
+    sampling = milliseconds(part.sample) / part.runs / cores
+    noise = milliseconds(part.draw_noise) / part.runs / cores
     return Outcome(
         benchmark="td3",
         compares="TD3 updates/s per run, 12 runs in lockstep, 256×256, batch 256, against stable-baselines3's TD3",
@@ -96,10 +129,12 @@ def _outcome(config: TD3Config, rates: dict[str, list[float]], together: _Runs) 
         parts=[
             Part("sampling the batch", sampling),
             Part("target noise", noise),
-            Part("update", update_ms - sampling - noise, limit),
+            Part("update", update_ms - sampling - noise, limit / cores),
         ],
-        cores=cores,
         rounds=rates,
         bare_speeds={f"matrix products, {str(dtype)[6:]}, one thread [GFLOP/s]": gflops, "update [GFLOP]": gflop},
-        notes=[f"both on {cores} threads; the update's arithmetic is {str(dtype)[6:]}, stock's float32"],
+        notes=[
+            f"ours: {share.processes} processes of {share.threads} threads, stock: one of {torch.get_num_threads()}; "
+            f"the update's arithmetic is {str(dtype)[6:]}, stock's float32"
+        ],
     )

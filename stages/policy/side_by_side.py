@@ -15,7 +15,7 @@ from stages.memory import use_huge_pages
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.group import train_group
 from stages.policy.resources import Share
-from stages.sim.processes import end_with_parent, interrupts_ignored
+from stages.sim.processes import end_with_parent, interrupts_ignored, stay_on_own_cores
 
 
 def train_side_by_side(
@@ -27,7 +27,7 @@ def train_side_by_side(
         PipelineError: what a part could not do; the others are stopped, to be resumed from their checkpoints.
     """
     use_huge_pages()
-    children = [_Child(part, estimator, share) for part in parts]
+    children = [_Child(index, part, estimator, share) for index, part in enumerate(parts)]
     try:
         begun = [child.receive()[1] for child in children]  # (episodes in all, episodes done)
         total, done = (sum(counts) for counts in zip(*begun, strict=True))
@@ -57,13 +57,13 @@ def _results(children: list["_Child"], task: Task) -> Iterator[RunResult]:
 class _Child:
     """A part in its process, and what it says."""
 
-    def __init__(self, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
+    def __init__(self, index: int, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
         context = multiprocessing.get_context("spawn")  # a forked OpenGL or torch state is undefined
         self.pipe, theirs = context.Pipe(duplex=False)
         self.rate = 0.0  # environment steps/s of the last episode
         self._steps = len(part) * part[0].world.horizon
         self._since = time.monotonic()
-        arguments = (theirs, part, estimator, share)
+        arguments = (theirs, index, part, estimator, share)
         self._process = context.Process(target=_serve, args=arguments, name=f"train-{part[0].run_id}")
         with interrupts_ignored():
             self._process.start()
@@ -97,8 +97,9 @@ class _Child:
         return MachineError(f"a training process died (exit code {code}); what was finished is on disk: use --resume")
 
 
-def _serve(pipe: Connection, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
+def _serve(pipe: Connection, index: int, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
+    stay_on_own_cores(index, share.processes)
     try:
         pipe.send(("results", train_group(part, estimator, share, _Reported(pipe))))
     except PipelineError as error:

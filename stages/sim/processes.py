@@ -35,3 +35,13 @@ def end_with_parent() -> None:
     if parent is not None:
         wait([parent.sentinel])
         os._exit(1)
+
+
+def stay_on_own_cores(index: int, count: int) -> None:
+    """Keep this process, the `index`-th of `count`, on its share of the cores, where together they take all.
+
+    Moved about, it finds its caches cold: one in twenty steps. Where cores are to spare the system knows better.
+    """
+    if hasattr(os, "sched_setaffinity") and available_cores() % count == 0:
+        cores, each = sorted(os.sched_getaffinity(0)), available_cores() // count
+        os.sched_setaffinity(0, cores[index * each : (index + 1) * each])

@@ -129,7 +129,7 @@ def test_train_policy_makes_a_run_of_every_cell(run: Run, stages: Stages, store:
         (cell, store.path(cell)) for cell in (DENSE, ORACLE)
     ]
     assert call["estimator"] == store.path("estimators/default")
-    assert call["resources"] == ("cpu", 1, 1)
+    assert call["resources"] == ("cpu", None, None, None)
 
 
 def test_an_oracle_needs_no_estimator(run: Run, stages: Stages) -> None:
