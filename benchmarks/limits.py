@@ -10,7 +10,7 @@ from benchmarks.measure import milliseconds
 from benchmarks.training import IMAGE_SIZE
 from stages.device import arithmetic
 from stages.perception.frozen import FrozenResNet34
-from stages.perception.quantised import measure_ranges
+from stages.perception.quantised import is_supported, measure_ranges
 from stages.perception.resnet34 import ResNet34
 from stages.policy.config import TD3Config
 from stages.policy.observation import observation_dim
@@ -42,10 +42,14 @@ def training_limits(runs: int) -> Limits:
     try:
         dtype = arithmetic("bfloat16", torch.device("cpu"))
         gflops = roofline.matrix_gflops(dtype)
-        parts = _simulation() | _networks(runs, dtype, gflops)
+        gops = roofline.integer_gops() if is_supported() else gflops  # of the estimator's blocks
+        parts = _simulation() | _networks(runs, dtype, gflops, gops)
     finally:
         torch.set_num_threads(threads)
-    speeds = {f"matrix products, {str(dtype)[6:]}, one thread [GFLOP/s]": gflops}
+    speeds = {
+        f"matrix products, {str(dtype)[6:]}, one thread [GFLOP/s]": gflops,
+        "the estimator's, one thread [GOP/s]": gops,
+    }
     return Limits(parts, speeds, available_cores())
 
 
@@ -62,7 +66,7 @@ def _simulation() -> dict[str, tuple[float, float | None]]:
     return {"physics": (bare, bare), "control": (step - bare, None), "render": (frame, raster)}
 
 
-def _networks(runs: int, dtype: torch.dtype, gflops: float) -> dict[str, tuple[float, float | None]]:
+def _networks(runs: int, dtype: torch.dtype, gflops: float, gops: float) -> dict[str, tuple[float, float | None]]:
     config, observations = TD3Config(), observation_dim("forward_kinematics")
     td3 = TD3(config, observations, ACTION_DIM, list(range(runs)))
     batch = Batch(*(torch.zeros(runs, config.batch_size, *shape) for shape in _shapes(observations)))
@@ -74,7 +78,7 @@ def _networks(runs: int, dtype: torch.dtype, gflops: float) -> dict[str, tuple[f
     inference = milliseconds(lambda: network(images)) / runs
     shape = observations, ACTION_DIM, config.hidden, config.batch_size, config.policy_delay
     return {
-        "inference": (inference, roofline.resnet34_gflop(IMAGE_SIZE) / gflops * 1e3),
+        "inference": (inference, roofline.resnet34_gflop(IMAGE_SIZE) / gops * 1e3),
         "update": (pair / 2 / runs, roofline.td3_gflop(*shape) / gflops * 1e3),
     }
 

@@ -18,7 +18,14 @@ from stages.policy.resources import Resources
 from stages.sim.config import WorldConfig
 
 SHARE, BYTES = 0.03, 200.0
-_PARTS = {"set": EpisodeColumns, "of_run": EpisodeColumns, "add_transitions": RunLog, "flush": RunLog, "add": RunLog}
+_PARTS = {
+    "set": EpisodeColumns,
+    "of_run": EpisodeColumns,
+    "add_transitions": RunLog,
+    "add": RunLog,
+    "flush": RunLog,
+    "_merge_parts": RunLog,
+}
 
 
 def run(quick: bool) -> Outcome:

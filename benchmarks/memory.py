@@ -1,5 +1,7 @@
 """Memory of this process and of the workers it started."""
 
+from contextlib import suppress
+
 import psutil
 
 
@@ -9,5 +11,8 @@ def resident_mb(without: int | None = None) -> float:
     The process with the id `without` does not count.
     """
     this = psutil.Process()
-    counted = [process for process in [this, *this.children(recursive=True)] if process.pid != without]
-    return sum(process.memory_full_info().pss for process in counted) / 1e6
+    total = 0
+    for process in [this, *this.children(recursive=True)]:
+        with suppress(psutil.NoSuchProcess):  # it ended meanwhile
+            total += 0 if process.pid == without else process.memory_full_info().pss
+    return total / 1e6

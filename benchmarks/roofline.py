@@ -23,6 +23,24 @@ def matrix_gflops(dtype: torch.dtype, size: int = 256, batch: int = 12) -> float
         torch.set_num_threads(threads)
 
 
+def integer_gops(channels: int = 256, size: int = 16, batch: int = 6) -> float:
+    """Rate [GOP/s] of 8-bit products on one thread, in the shape that the estimator's blocks have them in."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        ones, zeros = torch.ones(channels), torch.zeros(channels, dtype=torch.int64)
+        shape = [1, 1], [1, 1], [1, 1], 1
+        pixels = torch.zeros(batch, channels, size, size, dtype=torch.uint8).to(memory_format=torch.channels_last)
+        weight = torch.ones(channels, channels, 3, 3, dtype=torch.int8)
+        packed = torch.ops.onednn.qconv_prepack(weight, ones, 1.0, 0, *shape)
+        into = ones, *shape, 1.0, 0, torch.uint8, "none", [], ""
+        convolve = torch.ops.onednn.qconv2d_pointwise
+        work = 2 * batch * size**2 * 9 * channels**2
+        return work / milliseconds(lambda: convolve(pixels, 1.0, 0, packed, ones, zeros, *into)) * 1e-6
+    finally:
+        torch.set_num_threads(threads)
+
+
 def mj_step_ms(scene: Scene, qpos: np.ndarray) -> float:
     """Milliseconds of one control step's physics: nothing but mj_step, from generalised positions."""
     data = mujoco.MjData(scene.model)

@@ -26,8 +26,9 @@ def run(quick: bool) -> Outcome:
         bare_speeds=limits.bare_speeds,
     )
     assert outcome.limit_ms is not None
-    limit = 1e3 / outcome.limit_ms
-    outcome.table.extend(_row(runs, processes, 1 if quick else _rounds(runs), limit) for runs, processes in grid)
+    for runs, processes in grid:
+        limit = 1e3 / outcome.limit_ms * processes / limits.cores
+        outcome.table.append(_row(runs, processes, 1 if quick else _rounds(runs), limit))
     return outcome
 
 
@@ -52,7 +53,7 @@ def _row(runs: int, processes: int, rounds: int, limit: float) -> dict[str, Any]
         "processes": processes,
         "steps/s": round(rate, 1),
         "per run": round(rate / runs, 2),
-        "limit [steps/s]": round(limit, 1),
+        "limit of its cores [steps/s]": round(limit, 1),
         "of limit": f"{rate / limit:.0%}",
         "memory [MB]": round(max(memory)),
     }

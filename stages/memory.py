@@ -12,7 +12,7 @@ def keep_freed_memory() -> None:
     """Have freed arrays of up to 32 MiB reused instead of returned to the system, where the C library is glibc.
 
     By default every array above 128 kiB to 32 MiB is mapped, zeroed page by page and unmapped each time: a quarter of
-    the time of a TD3 update. What stays resident is what one step needs, about 100 MB.
+    the time of a TD3 update. What stays resident is what one step needs, in this process until it ends.
     """
     if platform.libc_ver()[0] == "glibc":
         libc = ctypes.CDLL(None)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from schemas.config import Config, Precision
+from schemas.config import Config, Device, Precision
 from stages.sim.config import MisalignmentKind, TaskName, WorldConfig
 
 Scheme = Literal["dense", "sparse", "oracle", "dense2sparse"]
@@ -73,7 +73,7 @@ class MatrixConfig(RunConfig):
     """Default: the kind whose effect on the estimate is closer to what the paper describes (pan's is 6 to 9 cm)."""
     misalignment_degrees: Annotated[tuple[Degrees, ...], Field(min_length=1)] = (0.0,)
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
-    device: Literal["cpu", "cuda"] = "cpu"
+    device: Device = "cpu"
     processes: Annotated[int, Field(ge=1, le=256)] | None = None
     """Processes that train a part of the runs each. Default: one per core, or one with a GPU."""
     workers: Annotated[int, Field(ge=0, le=256)] | None = None

@@ -126,9 +126,9 @@ class Schedule:
 
 def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
     spec, log, error = lockstep.specs[row], lockstep.logs[row], lockstep.errors[row]
-    log.finish()
     summary = _summary(lockstep, log)
     if error is not None:
+        log.flush()  # its parts stay as its checkpoints count them: it may be resumed
         return RunResult(spec.run_id, "failed", summary, error)
     description = {
         "task": spec.task,
@@ -138,6 +138,7 @@ def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
         "action_dim": td3.actor_net.sizes[-1],
         "summary": summary,
     }
+    log.finish()
     checkpoint.publish(spec.out, td3, row, description)
     return RunResult(spec.run_id, "complete", summary)
 

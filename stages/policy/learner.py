@@ -42,7 +42,7 @@ class Learner:
         rows = [row for row in rows if self._buffer.size[row] > 0]
         for _ in range(config.updates_per_step if rows else 0):
             batch = self._buffer.sample(config.td3.batch_size, self._batches, self._td3.device)
-            metrics = self._td3.update(batch, self._target_noise(), rows).numpy()
+            metrics = self._td3.update(batch, self._target_noise(rows), rows).numpy()
             for row in rows:
                 self._windows[row].add(metrics[row])
                 if self._windows[row].count == config.log_updates_every:
@@ -73,10 +73,12 @@ class Learner:
             if self._windows[row].count:
                 self._log(row, self._horizon - 1)
 
-    def _target_noise(self) -> torch.Tensor:
-        """Noise (n, b, a) for one update, before clipping."""
-        draws = [rng.standard_normal(self._noise_shape, dtype=np.float32) for rng in self._noise]
-        return torch.from_numpy(np.stack(draws) * np.float32(self._config.td3.target_noise)).to(self._td3.device)
+    def _target_noise(self, rows: Sequence[int]) -> torch.Tensor:
+        """Noise (n, b, a) for one update, before clipping. The streams of runs that pause stand still."""
+        noise = np.zeros((len(self._noise), *self._noise_shape), np.float32)
+        for row in rows:
+            self._noise[row].standard_normal(dtype=np.float32, out=noise[row])
+        return torch.from_numpy(noise * np.float32(self._config.td3.target_noise)).to(self._td3.device)
 
     def _log(self, row: int, step: int) -> None:
         head = {

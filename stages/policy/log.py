@@ -104,6 +104,17 @@ class RunLog:
             path.unlink(missing_ok=True)
             self._extend(name)
             write_parquet(self._tables[name], path)
+        self._check_transitions()
+
+    def _check_transitions(self) -> None:
+        """The parts hold the steps of the episodes, no more and no less."""
+        steps = sum(row["length"] for row in self._rows["episodes"])
+        found = sum(pq.read_metadata(path).num_rows for path in self._paths())
+        if found != steps:
+            raise ArtifactError(
+                f"{self._directory} holds {found} transitions, its episodes have {steps}: "
+                "the run is damaged; remove it and train again"
+            )
 
     def training_transitions(self) -> dict[str, np.ndarray]:
         """The training rows on disk, in order: the source of the replay buffer on resume."""

@@ -48,10 +48,11 @@ class ReplayBuffer:
     def sample(self, batch_size: int, generators: list[np.random.Generator], device: str) -> Batch:
         """Uniformly with replacement from each run's ring, with its own random stream.
 
-        An empty ring gives a meaningless row: the caller pauses that run's update.
+        An empty ring gives a meaningless row and draws nothing: the caller pauses that run's update.
         """
-        draws = zip(self.size, generators, strict=True)
-        rows = np.stack([rng.integers(0, max(int(size), 1), batch_size) for size, rng in draws])  # (n, b)
+        rows = np.zeros((len(generators), batch_size), dtype=np.int64)  # (n, b)
+        for run in np.flatnonzero(self.size):
+            rows[run] = generators[run].integers(0, self.size[run], batch_size)
         runs = np.arange(len(rows))[:, None]
 
         def gather(array: np.ndarray) -> torch.Tensor:

@@ -27,16 +27,19 @@ def train_side_by_side(
         PipelineError: what a part could not do; the others are stopped, to be resumed from their checkpoints.
     """
     use_huge_pages()
-    children = [_Child(index, part, estimator, share) for index, part in enumerate(parts)]
+    children: list[_Child] = []
     try:
+        for index, part in enumerate(parts):
+            children.append(_Child(index, part, estimator, share))
         begun = [child.receive()[1] for child in children]  # (episodes in all, episodes done)
         total, done = (sum(counts) for counts in zip(*begun, strict=True))
         label = f"{parts[0][0].task}, {sum(len(part) for part in parts)} runs"
         with progress.task(label, total, done) as task:
             yield from _results(children, task)
     finally:
-        for child in children:
-            child.close()
+        with interrupts_ignored():
+            for child in children:
+                child.close()
 
 
 def _results(children: list["_Child"], task: Task) -> Iterator[RunResult]:
@@ -73,7 +76,7 @@ class _Child:
         """The next message; an error that is one is raised."""
         try:
             kind, content = self.pipe.recv()
-        except EOFError as error:
+        except (EOFError, OSError) as error:
             raise self._died() from error
         if kind == "error":
             raise content
@@ -85,9 +88,8 @@ class _Child:
         self.rate, self._since = count * self._steps / (now - self._since), now
 
     def close(self) -> None:
-        """Have the process end: at once where it is not done."""
+        """End the process, which has sent its results or is to be resumed from its checkpoints."""
         self.pipe.close()
-        self._process.join(timeout=0 if self._process.is_alive() else None)
         self._process.kill()
         self._process.join()
 

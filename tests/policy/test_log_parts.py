@@ -28,6 +28,7 @@ def _add(log: RunLog, split: str, episode: int) -> None:
     columns.columns["observation"][:] = np.random.default_rng(episode).normal(size=(1, STEPS, 24))
     columns.columns["cube_est"][:] = np.nan
     log.add_transitions(EpisodeHead(split, episode, 100, "dense" if episode else "warmup"), columns.of_run(0))
+    log.add("episodes", {"split": split, "episode": episode, "length": STEPS})
 
 
 def _write(spec: RunSpec, parts: int = 4) -> RunLog:

@@ -1,10 +1,12 @@
 """Runs in several processes, with real worlds: the same bytes as in one, and no process left behind."""
 
+import multiprocessing
+from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
 
+from benchmarks.training import random_estimator
 from schemas.errors import MachineError
 from schemas.progress import Silent
 from stages.policy import train
@@ -49,18 +51,37 @@ def test_any_number_of_processes_workers_and_threads_gives_the_same_bytes(tmp_pa
         found.append([_bytes(spec) for spec in specs])
     assert found[0] == found[1] == found[2] == found[3]
     assert found[0][0] != found[0][1], "seeds differ, or the comparison says nothing"
-    assert psutil.Process().children(recursive=True) == []
+    assert multiprocessing.active_children() == []
+
+
+def test_emptying_the_buffer_is_the_same_in_any_company(tmp_path: Path) -> None:
+    """The emptied run pauses a step: its random streams stand still, also beside a run that goes on learning."""
+    config = CONFIG.model_copy(update={"buffer": "empty", "switch_episode": 2})
+    found = []
+    for processes in (1, 2):
+        specs = [
+            replace(spec, scheme=scheme, config=config, task="reach")
+            for spec, scheme in zip(_specs(tmp_path / str(processes))[:2], ("dense", "dense2sparse"), strict=True)
+        ]
+        resources = Resources("cpu", processes, 0, 1)
+        train.run(
+            specs, random_estimator(tmp_path / str(processes)), resources=resources, finished=print, progress=Silent()
+        )
+        found.append([_bytes(spec) for spec in specs])
+    assert found[0] == found[1]
 
 
 def test_a_killed_process_is_reported_and_its_neighbours_are_stopped(tmp_path: Path) -> None:
     class Killing(Silent):
         def task(self, label: str, total: int, done: int = 0):
-            psutil.Process().children()[0].kill()
+            multiprocessing.active_children()[0].kill()
             return super().task(label, total, done)
 
+    config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
+    specs = [replace(spec, config=config) for spec in _specs(tmp_path)]
     with pytest.raises(MachineError, match=r"training process died \(exit code -9\).*--resume"):
         train.run(_specs(tmp_path), None, resources=Resources(processes=3), finished=lambda _: None, progress=Killing())
-    assert psutil.Process().children(recursive=True) == []
+    assert multiprocessing.active_children() == []
 
 
 @pytest.mark.parametrize(

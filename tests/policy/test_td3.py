@@ -154,6 +154,20 @@ def test_runs_of_one_seed_stay_equal_bit_for_bit(precision: Precision) -> None:
         assert torch.equal(rows[0], rows[2]) and not torch.equal(rows[0], rows[1])
 
 
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_updates_do_not_depend_on_the_number_of_threads(precision: Precision) -> None:
+    found, threads = [], torch.get_num_threads()
+    for count in (1, 2, 3):
+        torch.set_num_threads(count)
+        td3 = TD3(TD3Config(precision=precision), 24, 7, [3, 4])
+        for seed in range(4):
+            td3.update(_batch(2, 256, 24, 7, seed), torch.full((2, 256, 7), 0.1))
+        found.append([rows.clone() for rows in (td3.actor, td3.critic, td3.actor_target, td3.critic_target)])
+    torch.set_num_threads(threads)
+    for other in found[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(found[0], other, strict=True))
+
+
 def test_a_paused_run_stays_exactly_as_it_is() -> None:
     td3 = TD3(SMALL, 3, 2, [0, 1])
     td3.update(_batch(2), torch.zeros(2, 4, 2))

@@ -339,6 +339,26 @@ class TestFailures:
         assert set(rows["episode"][rows["split"] == "train"]) == {0, 1, 2}
         assert result.summary["episodes"] == 3
 
+    def test_a_failed_run_resumes_from_its_checkpoint(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]
+    ) -> None:
+        """Episodes after the checkpoint are run again, not learnt from twice."""
+        [whole], [broken] = (_specs(tmp_path / name, ("dense2sparse",)) for name in ("whole", "broken"))
+        _train([whole])
+        original = Lockstep.train_episode
+
+        def fourth_diverges(self: Lockstep, episode: int, task: object) -> None:
+            if episode == 3:
+                fake[0] = 2
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", fourth_diverges)
+        assert _train([broken])[0].status == "failed"
+        monkeypatch.setattr(Lockstep, "train_episode", original)
+        fake.clear()
+        assert _train([broken])[0].status == "complete"
+        assert _whole(whole) == _whole(broken)
+
     @pytest.mark.usefixtures("fake")
     def test_without_an_estimator_only_the_oracle_trains(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="--estimator"):
