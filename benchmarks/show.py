@@ -12,7 +12,8 @@ from benchmarks.outcome import Outcome
 def show(outcome: Outcome, console: Console) -> None:
     """Print targets, figures, parts with their limits, and notes."""
     console.print(f"\n[bold]{outcome.benchmark}[/bold]: {outcome.compares}")
-    console.print(_targets(outcome))
+    if outcome.targets:
+        console.print(_targets(outcome))
     if outcome.rounds:
         console.print(_rounds(outcome))
     for name, value in (outcome.figures | outcome.bare_speeds).items():
