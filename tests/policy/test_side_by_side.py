@@ -80,7 +80,7 @@ def test_a_killed_process_is_reported_and_its_neighbours_are_stopped(tmp_path: P
     config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
     specs = [replace(spec, config=config) for spec in _specs(tmp_path)]
     with pytest.raises(MachineError, match=r"training process died \(exit code -9\).*--resume"):
-        train.run(_specs(tmp_path), None, resources=Resources(processes=3), finished=lambda _: None, progress=Killing())
+        train.run(specs, None, resources=Resources(processes=3), finished=print, progress=Killing())
     assert multiprocessing.active_children() == []
 
 
