@@ -1,6 +1,7 @@
 """Speeds that this machine reaches on bare work, from which the least time of a benchmark's work is computed."""
 
 from itertools import pairwise
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -33,7 +34,7 @@ def integer_gops(channels: int = 256, size: int = 16, batch: int = 6) -> float:
         pixels = torch.zeros(batch, channels, size, size, dtype=torch.uint8).to(memory_format=torch.channels_last)
         weight = torch.ones(channels, channels, 3, 3, dtype=torch.int8)
         packed = torch.ops.onednn.qconv_prepack(weight, ones, 1.0, 0, *shape)
-        into = ones, *shape, 1.0, 0, torch.uint8, "none", [], ""
+        into: tuple[Any, ...] = ones, *shape, 1.0, 0, torch.uint8, "none", [], ""
         convolve = torch.ops.onednn.qconv2d_pointwise
         work = 2 * batch * size**2 * 9 * channels**2
         return work / milliseconds(lambda: convolve(pixels, 1.0, 0, packed, ones, zeros, *into)) * 1e-6
