@@ -16,7 +16,10 @@ def episode_row(
     final: np.ndarray,
     seconds: float,
 ) -> dict[str, Any]:
-    """Row of `episodes.parquet` from an episode's transition columns (steps, …)."""
+    """Row of `episodes.parquet` from an episode's transition columns (steps, …).
+
+    Values are rounded as the table holds them: an evaluation averages the same ones after a resume.
+    """
     successes = np.flatnonzero(columns["success"])
     returns = {
         f"return_{name}": float(columns[f"reward_{name}"].sum(dtype=np.float64))
@@ -31,7 +34,7 @@ def episode_row(
         **{name: _or_none(value) for name, value in returns.items()},
         "success": bool(len(successes)),
         "steps_to_success": int(successes[0]) + 1 if len(successes) else None,
-        "mean_estimation_error": _or_none(float(columns["estimation_error"].mean(dtype=np.float64))),
+        "mean_estimation_error": _or_none(float(columns["estimation_error"].mean(dtype=np.float64).astype(np.float32))),
         "min_distance_true": float(columns["distance_true"].min()),
         "final_distance_true": float(columns["distance_true"][-1]),
         "seed_entropy": seeds,
