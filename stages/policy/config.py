@@ -31,6 +31,9 @@ class TD3Config(Config):
     target_noise_clip: Annotated[float, Field(ge=0)] = 0.5
     exploration_noise: Annotated[float, Field(ge=0)] = 0.2
     """Standard deviation of the Gaussian noise on training actions, of the normalised range."""
+    preactivation_penalty: Annotated[float, Field(ge=0)] = 0.1
+    """Weight in the actor's loss of its squared output before tanh, which it keeps from saturating (Andrychowicz et al.
+    2017, hindsight experience replay, appendix A); 0: plain TD3."""
     buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
     precision: Precision = "bfloat16"

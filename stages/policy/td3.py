@@ -124,10 +124,12 @@ class TD3:
         """Losses (k,)."""
         observation = _of(batch.observation, rows)
         layers = _leaves(self.actor_net.layers(_of(self.actor, rows), self._dtype))
-        action = self.actor_net.forward(layers, observation).tanh()
+        before = self.actor_net.forward(layers, observation)  # (k, b, a)
+        action = before.tanh()
         first = self.critic_net.layers(_of(self.critic, rows)[:, : self.critic_net.parameters], self._dtype)
         q = self.critic_net.forward(first, torch.cat([observation, action], dim=2))[..., 0]
-        loss = -q.mean(dim=1)  # (k,)
+        penalty = self.config.preactivation_penalty * before.square().mean(dim=2).mean(dim=1)
+        loss = -q.mean(dim=1) + penalty  # (k,)
         gradient = self._actor_gradient[: len(rows)]
         self.actor_net.flatten(list(torch.autograd.grad(loss.sum(), layers)), gradient)
         self.actor_optimiser.step(gradient, rows)

@@ -29,8 +29,9 @@ class WorldConfig(Config):
     """Height [m] of the cube's centre above the table top that counts as lifted (robosuite's own criterion)."""
     gripper_point: Literal["auto", "grip_site", "fingertips"] = "auto"
     """Point whose distance to the cube is rewarded; auto: fingertips in reach, grip_site in lift."""
-    touch: Literal["fingers", "pads", "hand"] = "fingers"
-    """Which geoms touch: fingers with their pads, the pads alone, or the whole gripper."""
+    touch: Literal["fingers", "pads", "hand", "none"] = "fingers"
+    """Which geoms touch: fingers with their pads, the pads alone, the whole gripper, or none: then reach is completed
+    by the distance of 3 cm alone."""
 
 
 class CameraConfig(Config):

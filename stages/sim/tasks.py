@@ -10,7 +10,12 @@ from stages.sim.scene import CUBE_HALF_SIZE, TABLE_HEIGHT, Scene
 from stages.sim.state import pack_state
 
 _CUBE, _LEFT_PAD, _RIGHT_PAD, _TOUCHING = 1, 2, 4, 8
-_TOUCH_GROUPS = {"fingers": ("fingers",), "pads": ("left_pad", "right_pad"), "hand": ("hand",)}
+_TOUCH_GROUPS: dict[str, tuple[str, ...]] = {
+    "fingers": ("fingers",),
+    "pads": ("left_pad", "right_pad"),
+    "hand": ("hand",),
+    "none": (),
+}
 
 
 class TaskSignals:

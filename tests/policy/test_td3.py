@@ -56,6 +56,26 @@ def test_the_critics_loss_is_the_mean_squared_td_error_against_the_target_networ
     assert float(metrics[3]) == pytest.approx(float(q[0].mean()), rel=1e-5)
 
 
+@pytest.mark.parametrize("penalty", [0.0, 0.5])
+def test_the_actors_loss_is_minus_the_first_critics_value_plus_the_penalty_on_its_output_before_tanh(
+    penalty: float,
+) -> None:
+    """And its first step goes against the gradient of that: Adam's first step is the learning rate times its sign."""
+    td3 = TD3(SMALL.model_copy(update={"policy_delay": 1, "preactivation_penalty": penalty}), 3, 2, [0])
+    batch, actor = _batch(1), td3.actor.clone().requires_grad_()
+    metrics = td3.update(batch, torch.zeros(1, 4, 2))[0]
+    critic = td3.critic[:, : td3.critic_net.parameters]
+    before = _apply(td3.actor_net, actor, batch.observation)
+    q = _apply(td3.critic_net, critic, torch.cat([batch.observation, before.tanh()], dim=2))
+    loss = -q.mean() + penalty * before.square().mean()
+    assert float(metrics[2]) == pytest.approx(float(loss), rel=1e-5)
+    (gradient,) = torch.autograd.grad(loss, actor)
+    clear = gradient.abs() > 1e-5
+    step = (td3.actor - actor)[clear]
+    assert clear.sum() > 20
+    assert torch.allclose(step, -SMALL.learning_rate * gradient[clear].sign(), rtol=1e-2)
+
+
 def test_actor_and_targets_are_updated_every_second_time() -> None:
     td3, batch = TD3(SMALL, 3, 2, [0]), _batch(1)
     moved = []

@@ -123,7 +123,10 @@ def test_touch_is_judged_by_contact(scene: Scene) -> None:
     data = mujoco.MjData(scene.model)
     unpack_state(scene.model, data, initial)
     data.qpos[scene.cube_qpos : scene.cube_qpos + 3] = eef
-    assert world.reset(pack_state(scene.model, data))["touched"]
+    touching = pack_state(scene.model, data)
+    assert world.reset(touching)["touched"]
+    by_distance_alone = World(build_scene(WorldConfig(touch="none")), "reach")
+    assert not by_distance_alone.reset(touching)["touched"]
 
 
 def test_jacobian_agrees_with_finite_differences(scene: Scene) -> None:
