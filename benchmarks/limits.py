@@ -7,6 +7,7 @@ import torch
 
 from benchmarks import roofline
 from benchmarks.measure import milliseconds
+from benchmarks.stock import ACTION_DIM
 from benchmarks.training import IMAGE_SIZE
 from stages.device import arithmetic
 from stages.perception.frozen import FrozenResNet34
@@ -22,8 +23,6 @@ from stages.sim.renderer import Renderer
 from stages.sim.scene import build_scene
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World
-
-ACTION_DIM = 7
 
 
 @dataclass(frozen=True)

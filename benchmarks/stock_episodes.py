@@ -13,9 +13,9 @@ from schemas import mcap_topics
 from schemas.mcap_files import read_messages, read_metadata
 from stages.collect.config import CollectStageConfig
 from stages.sim.camera import CameraPose
+from stages.sim.canvas import OPTICAL_TO_GL
 
 _CAMERA = "frontview"
-_OPTICAL_TO_GL = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras have y up and look along −z
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,5 @@ class StockCollector:
 
     def _place_camera(self, world: StockWorld, pose: CameraPose) -> None:
         camera = world.model.camera(_CAMERA)
-        rotation = CameraPose(pose.position, pose.rotation @ _OPTICAL_TO_GL)
+        rotation = CameraPose(pose.position, pose.rotation @ OPTICAL_TO_GL)
         camera.pos[:], camera.quat[:], camera.fovy[:] = rotation.position, rotation.quaternion, self._camera.fovy

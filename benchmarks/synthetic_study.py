@@ -10,13 +10,14 @@ from functools import partial
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from pipeline.artifacts.manifests import list_files, write_manifest
 from schemas.manifest import Code, Environment, Manifest
 from stages.policy import rewards
-from stages.policy.config import RunConfig, RunSpec
+from stages.policy.config import RunConfig, RunSpec, Scheme
 from stages.policy.log import EpisodeHead, RunLog
 from stages.policy.observation import observation_dim
 from stages.policy.schemes import phase, reward_kind, select_reward
@@ -25,7 +26,7 @@ from stages.policy.summaries import episode_row, evaluation_row
 from stages.sim.config import WorldConfig
 
 SETTINGS = (("reach", 0.0), ("reach", 5.0), ("reach", 10.0), ("lift", 0.0))  # the paper's: task, misalignment [degrees]
-SCHEMES = ("dense", "sparse", "oracle", "dense2sparse")
+SCHEMES = get_args(Scheme)
 STEP_NS = 50_000_000
 _STATE = 60  # numbers in a packed state, about
 _SEED = np.random.SeedSequence(20)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import get_args
 
 import psutil
 import torch
@@ -22,7 +23,7 @@ from stages.policy.train import run
 from stages.sim.config import CameraConfig, WorldConfig
 
 IMAGE_SIZE = 64
-SCHEMES: tuple[Scheme, ...] = ("dense", "sparse", "oracle", "dense2sparse")
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 
 class Rounds:

@@ -9,7 +9,7 @@ from stages.sim.camera import CameraPose
 from stages.sim.gl import make_context
 
 _SHOWN, _HIDDEN = 1, 5  # geom groups
-_OPTICAL_TO_GL = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras have y up and look along −z
+OPTICAL_TO_GL = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras have y up and look along −z
 
 
 class Canvas:
@@ -41,7 +41,7 @@ class Canvas:
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)
         data.cam_xpos[0] = pose.position
-        data.cam_xmat[0] = (pose.rotation @ _OPTICAL_TO_GL).ravel()
+        data.cam_xmat[0] = (pose.rotation @ OPTICAL_TO_GL).ravel()
 
     def select(self, geoms: np.ndarray, sky: bool) -> None:
         """Choose what `draw` draws: the geoms of this mask (ngeom,), and the sky behind them."""
