@@ -25,9 +25,10 @@ class Learner:
 
     def switch(self, row: int) -> None:
         """From the dense to the sparse reward: what becomes of the buffer and of the networks."""
-        self._buffer.switch(row, self._config.buffer)
-        if self._config.reset != "none":
-            self._td3.draw(row, self._config.reset, times=1)
+        config = self._specs[row].config
+        self._buffer.switch(row, config.buffer)
+        if config.reset != "none":
+            self._td3.draw(row, config.reset, times=1)
 
     def begin(self, episode: int) -> None:
         """Start the random streams of a training episode, and empty windows of what is logged."""
@@ -81,10 +82,11 @@ class Learner:
         return torch.from_numpy(noise * np.float32(self._config.td3.target_noise)).to(self._td3.device)
 
     def _log(self, row: int, step: int) -> None:
+        spec = self._specs[row]
         head = {
             "update": int(self._td3.updates[row]),
             "global_step": self._episode * self._horizon + step,
             "episode": self._episode,
-            "phase": phase(self._specs[row].scheme, self._episode, self._config),
+            "phase": phase(spec.scheme, self._episode, spec.config),
         }
         self._logs[row].add("updates", head | self._windows[row].take())

@@ -51,7 +51,7 @@ class _Episode:
 
 
 class Lockstep:
-    """Runs of one task and one configuration, differing in scheme, misalignment and seed.
+    """Runs of one task and configuration, differing in scheme, misalignment, seed and what happens at the switch.
 
     `threads` are those of the networks; with `overlap` TD3 updates in a thread of its own while the worlds step and the
     estimator looks. Results do not depend on either.
@@ -87,7 +87,7 @@ class Lockstep:
     def train_episode(self, episode: int, task: Task) -> None:
         """One training episode of every run; the switch of rewards happens at its start."""
         for row in self.alive:
-            if switches_at(self.specs[row].scheme, episode, self.config):
+            if switches_at(self.specs[row].scheme, episode, self.specs[row].config):
                 self._learner.switch(row)
         learning = episode >= self.config.warmup_episodes
         self._learner.begin(episode)
@@ -167,7 +167,7 @@ class Lockstep:
     def _used(self, trained: int, scores: Scores) -> np.ndarray:
         """The reward (n,) that each run's scheme gives TD3."""
         parts = zip(scores.reward_dense_true, scores.reward_dense_est, scores.reward_sparse, strict=True)
-        kinds = [reward_kind(spec.scheme, trained, self.config) for spec in self.specs]
+        kinds = [reward_kind(spec.scheme, trained, spec.config) for spec in self.specs]
         chosen = [select_reward(s.scheme, k, *p) for s, k, p in zip(self.specs, kinds, parts, strict=True)]
         return np.array(chosen, dtype=np.float32)
 
@@ -198,7 +198,7 @@ class Lockstep:
         for row in self.alive:
             spec, log = self.specs[row], self.logs[row]
             head = EpisodeHead(
-                episode.split, episode.number, done * self.horizon, phase(spec.scheme, trained, self.config)
+                episode.split, episode.number, done * self.horizon, phase(spec.scheme, trained, spec.config)
             )
             columns = self._columns.of_run(row)
             log.add_transitions(head, columns)

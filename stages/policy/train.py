@@ -11,7 +11,7 @@ from schemas.errors import ConfigError, MachineError
 from schemas.progress import Progress
 from stages.policy import checkpoint
 from stages.policy.checkpoint import Position
-from stages.policy.config import RunResult, RunSpec
+from stages.policy.config import RunConfig, RunResult, RunSpec
 from stages.policy.group import START, train_group
 from stages.policy.resources import Resources
 from stages.policy.side_by_side import train_side_by_side
@@ -61,11 +61,16 @@ def _train(
 
 
 def groups(specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
-    """Split into lists that step in lockstep: same task, world, configuration and resume point."""
+    """Split into lists that step in lockstep: same task, world, resume point, and configuration but for the switch."""
     alike: dict[Any, list[RunSpec]] = {}
     for spec in specs:
-        alike.setdefault((spec.task, spec.world, spec.config), []).append(spec)
+        alike.setdefault((spec.task, spec.world, _but_for_the_switch(spec.config)), []).append(spec)
     return [part for group in alike.values() for part in _by_resume_point(group)]
+
+
+def _but_for_the_switch(config: RunConfig) -> RunConfig:
+    """What runs in lockstep share: when and how the reward switches is each run's own."""
+    return config.model_copy(update={"switch_episode": 0, "buffer": "keep", "reset": "none"})
 
 
 def _by_resume_point(group: list[RunSpec]) -> list[list[RunSpec]]:

@@ -195,6 +195,22 @@ class TestSeeds:
         _train(matrix)
         assert _whole(alone[0]) == _whole(matrix[1])
 
+    def test_runs_that_switch_differently_step_together_and_stay_what_they_are_alone(self, tmp_path: Path) -> None:
+        variants = [
+            CONFIG.model_copy(update={"switch_episode": switch, "buffer": buffer, "reset": reset})
+            for switch, buffer, reset in ((4, "relabel", "none"), (2, "keep", "critics"), (3, "empty", "all"))
+        ]
+        alone, together = (
+            [_specs(tmp_path / f"{name}{i}", ("dense2sparse",), config)[0] for i, config in enumerate(variants)]
+            for name in ("alone", "together")
+        )
+        assert [len(group) for group in train.groups(together)] == [3]
+        for spec in alone:
+            _train([spec])
+        _train(together)
+        assert [_whole(spec) for spec in alone] == [_whole(spec) for spec in together]
+        assert len({str(_whole(spec)) for spec in together}) == 3, "they differ, or the comparison says nothing"
+
     def test_the_same_command_gives_the_same_bytes(self, tmp_path: Path) -> None:
         specs = [_specs(tmp_path / name, ("dense2sparse",))[0] for name in ("a", "b")]
         for spec in specs:
