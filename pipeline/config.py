@@ -1,15 +1,19 @@
 """One configuration for all stages: composed from theirs, read from TOML, changed by `--set`, validated at once."""
 
-import re
 import tomllib
+from collections import Counter
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
+from pipeline.artifacts.names import check_name
 from pipeline.config_errors import describe
+from pipeline.matrix import cells
+from pipeline.overrides import apply_override, put
+from pipeline.studies import StudyConfig, changes, check_heard
 from schemas.config import Config
 from schemas.errors import ConfigError, unknown_choice
 from stages.analyze.config import AnalyzeConfig
@@ -19,11 +23,10 @@ from stages.policy.config import MatrixConfig
 from stages.sim.config import CameraConfig, TaskName, WorldConfig
 
 TASKS = get_args(TaskName)
-_BARE_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 
 
 class PipelineConfig(Config):
-    """Sections of a configuration file, one per stage and two for the world they share."""
+    """Sections of a configuration file: one per stage, two for the world they share, and the studies beside it all."""
 
     world: WorldConfig = WorldConfig()
     camera: CameraConfig = CameraConfig()
@@ -31,6 +34,20 @@ class PipelineConfig(Config):
     perception: PerceptionConfig = PerceptionConfig()
     policy: MatrixConfig = MatrixConfig()
     analyze: AnalyzeConfig = AnalyzeConfig()
+    studies: dict[str, StudyConfig] = Field(default={})
+    """Part of no artifact's configuration: each is a recipe for further matrices of runs."""
+
+
+class Variant(NamedTuple):
+    """One matrix of a study's runs."""
+
+    study: str
+    suffix: str  # of its runs' name: STUDY-VALUE…
+    config: PipelineConfig
+
+    def run(self, base: str) -> str:
+        """NAME of its runs, beside the main matrix `base`."""
+        return check_name(f"{base}-{self.suffix}")
 
 
 def load_config(profile: str | None = None, file: Path | None = None, overrides: Sequence[str] = ()) -> PipelineConfig:
@@ -44,11 +61,51 @@ def load_config(profile: str | None = None, file: Path | None = None, overrides:
     values = read_profile(profile) if profile else read_file(file) if file else {}
     for override in overrides:
         apply_override(values, override)
+    config = resolve(values)
+    _check_studies(config)
+    return config
+
+
+def resolve(values: dict[str, Any]) -> PipelineConfig:
+    """Configuration of nested values; ConfigError names the key that is wrong and what would be right."""
     _check_task_tables(values)
     try:
         return PipelineConfig.model_validate(values)
     except ValidationError as error:
         raise ConfigError(describe(error, PipelineConfig, values)) from error
+
+
+def variants(config: PipelineConfig, name: str) -> list[Variant]:
+    """The matrices of one study: the configuration itself, with what the study changes laid over it.
+
+    Raises:
+        ConfigError: a change that is no valid configuration, that some task would not hear of, or that changes nothing.
+    """
+    made = []
+    for change in changes(name, config.studies[name]):
+        values = config.model_dump(exclude={"studies"}, exclude_unset=True)
+        try:
+            for key, value in change.values.items():
+                put(values, key, value)
+            resolved = resolve(values)
+            matrix = cells(resolved.policy)
+            check_heard(change.values, resolved.policy.model_dump(include=set(TASKS)), resolved.policy.tasks)
+        except ConfigError as error:
+            raise ConfigError(f"studies.{name}: {error}") from error
+        made.append((Variant(name, change.suffix, resolved), (resolved.world, matrix)))
+    for index, (variant, what) in enumerate(made):
+        for other, same in made[:index]:
+            if what == same:
+                raise ConfigError(f"studies.{name}: {other.suffix} and {variant.suffix} are the same runs")
+    return [variant for variant, _ in made]
+
+
+def _check_studies(config: PipelineConfig) -> None:
+    """Every variant is valid and has a name of its own: a typo is to show now, not after hours of work."""
+    names = Counter(variant.suffix for study in config.studies for variant in variants(config, study))
+    for suffix, count in names.items():
+        if count > 1:
+            raise ConfigError(f"{count} variants of the studies have the name NAME-{suffix}: rename a study or a value")
 
 
 def _check_task_tables(values: dict[str, Any]) -> None:
@@ -90,32 +147,3 @@ def read_file(path: Path) -> dict[str, Any]:
         raise ConfigError(f"cannot read the config {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is no TOML: {error}") from error
-
-
-def apply_override(values: dict[str, Any], override: str) -> None:
-    """Set one `section.key=value` in nested `values`; the value is a TOML literal, a bare word is a string."""
-    key, separator, text = override.partition("=")
-    *sections, last = (part.strip() for part in key.split("."))
-    if not separator or not sections or not all([*sections, last]):
-        raise ConfigError(f"--set {override!r} is not of the form section.key=value, such as policy.episodes=300")
-    table = values
-    for depth, section in enumerate(sections):
-        table = table.setdefault(section, {})
-        if not isinstance(table, dict):
-            raise ConfigError(f"--set {override!r}: {'.'.join(sections[: depth + 1])} is a value, not a section")
-    table[last] = parse_value(text.strip(), override)
-
-
-def parse_value(text: str, override: str) -> Any:
-    """Value of a TOML literal, or the text itself when it is a bare word."""
-    try:
-        parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError as error:
-        if _BARE_WORD.fullmatch(text):
-            return text
-        raise ConfigError(
-            f"--set {override!r}: the value is no TOML literal such as 3, 0.5, true, [0, 5] or ['dense', 'sparse']"
-        ) from error
-    if len(parsed) != 1:
-        raise ConfigError(f"--set {override!r}: one value only")
-    return parsed["value"]

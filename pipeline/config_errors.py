@@ -86,10 +86,16 @@ def _node(schema: dict[str, Any], location: Location) -> dict[str, Any]:
             items = node.get("prefixItems", [])
             node = items[part] if part < len(items) else node.get("items", {})
         else:
-            node = node.get("properties", {}).get(part, {})
+            node = node.get("properties", {}).get(part) or _of_any_key(node)
         if "$ref" in node:
             node = schema["$defs"][node["$ref"].rpartition("/")[2]]
     return node
+
+
+def _of_any_key(node: dict[str, Any]) -> dict[str, Any]:
+    """Schema of the values of a section whose keys the user chooses: [studies]."""
+    values = node.get("additionalProperties")
+    return values if isinstance(values, dict) else {}
 
 
 def _range(node: dict[str, Any]) -> str:

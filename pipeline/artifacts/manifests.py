@@ -14,6 +14,8 @@ from schemas.manifest import MANIFEST, FileRef, Manifest
 
 PLACEMENT = ("collect.workers",)
 """Configuration that says where the work is done and cannot change its result: not part of an artifact's identity."""
+STUDIES = "studies"
+"""A report's configuration says which of its inputs are whose study's: not its identity, for it follows its inputs."""
 
 
 def read_manifest(directory: Path, artifact_id: str) -> Manifest:
@@ -57,7 +59,7 @@ def list_files(directory: Path) -> list[FileRef]:
 
 def config_sha256(config: dict[str, Any]) -> str:
     """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
-    identity = {key: value for key, value in flatten(config) if key not in PLACEMENT}
+    identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
     return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -73,7 +75,7 @@ def flatten(config: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     """Leaves that differ, as `key: old → new`."""
     before, after = dict(flatten(old)), dict(flatten(new))
-    keys = sorted((before.keys() | after.keys()) - set(PLACEMENT))
+    keys = sorted((before.keys() | after.keys()) - {*PLACEMENT, STUDIES})
     return [
         f"{key}: {before.get(key, 'absent')} → {after.get(key, 'absent')}"
         for key in keys

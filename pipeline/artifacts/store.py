@@ -12,6 +12,7 @@ from pipeline.artifacts.environment import code, environment
 from pipeline.artifacts.lock import ArtifactLock
 from pipeline.artifacts.manifests import (
     MANIFEST,
+    STUDIES,
     config_sha256,
     differences,
     list_files,
@@ -36,6 +37,11 @@ class Request:
     def config_sha256(self) -> str:
         """Hash that decides whether an existing artifact is the one asked for."""
         return config_sha256(self.config)
+
+    def is_answered_by(self, manifest: Manifest) -> bool:
+        """Nothing is to be done: a complete artifact of this config, made from these inputs, shows these studies."""
+        shows_the_same = manifest.config.get(STUDIES) == self.config.get(STUDIES)
+        return manifest.status == "complete" and manifest.inputs == self.inputs and shows_the_same
 
 
 class Build:
@@ -145,7 +151,7 @@ class Store:
         lock.acquire()
         try:
             manifest = self.existing(request, resume)
-            if manifest and manifest.status == "complete" and manifest.inputs == request.inputs:
+            if manifest and request.is_answered_by(manifest):
                 lock.release()
                 return manifest
             return self._build(request, manifest, lock)

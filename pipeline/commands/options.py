@@ -26,6 +26,12 @@ DATA = click.option(
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout.")
 QUIET = click.option("--quiet", is_flag=True, help="No progress, no summary.")
+EVIDENCE = click.option(
+    "--evidence",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Copy the report's tables, figures and README to DIR, to be kept outside the data root.",
+)
 DEBUG = click.option("--debug", is_flag=True, help="Show a traceback when something goes wrong.")
 
 STAGE = [

@@ -1,12 +1,16 @@
 """Showing what a stage did, and what it would do."""
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pipeline.commands.options import StageOptions
-from pipeline.output import console, print_json, table
+from pipeline.output import console, note, print_json, table
 from pipeline.steps.session import Outcome, Session
 from pipeline.units import duration, figure
+
+if TYPE_CHECKING:
+    from pipeline.steps.studies import LeftOut
 
 _WORDS = {
     "made": "done",
@@ -38,10 +42,21 @@ def show_plan(options: StageOptions, command: str, plan: Sequence[dict[str, Any]
         out.print(f"  {step['id']}: {step['plan']}", markup=False)
 
 
-def show_outcome(options: StageOptions, command: str, outcome: Outcome) -> None:
-    """What a stage with one artifact did."""
+def note_left_out(options: StageOptions, left_out: Sequence["LeftOut"]) -> None:
+    """Say which runs a report leaves out."""
+    for each in left_out if not options.quiet else ():
+        note(f"{each.id}: {each}")
+
+
+def report_json(left_out: Sequence["LeftOut"], evidence: Path | None) -> dict[str, Any]:
+    """What `--json` says of a report besides its artifact."""
+    return {"left_out": [each._asdict() for each in left_out], "evidence": evidence}
+
+
+def show_outcome(options: StageOptions, command: str, outcome: Outcome, **more: Any) -> None:
+    """What a stage with one artifact did; `more` is for `--json`."""
     if options.as_json:
-        print_json({"command": command, "status": "complete", **outcome.as_json()})
+        print_json({"command": command, "status": "complete", **outcome.as_json(), **more})
     elif not options.quiet:
         out = console()
         took = f" in {duration(outcome.seconds)}" if outcome.seconds else ""

@@ -1,32 +1,60 @@
 """analyze → reports/NAME."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pipeline.artifacts.inputs import input_ref, load, load_complete
 from pipeline.artifacts.names import existing_ids, split_id
 from pipeline.artifacts.store import Build, Request
+from pipeline.steps import studies
 from pipeline.steps.session import Outcome, Session, make
+from pipeline.steps.studies import FINISHED, LeftOut, Reported
 from schemas.errors import ArtifactError
 from stages.analyze.config import AnalyzeStageConfig
 
 
-def inputs(session: Session, runs: Sequence[str], estimators: Sequence[str]) -> list[str]:
-    """Ids of the runs (NAME means all its cells) and estimators to report on; both empty: all that are finished.
+@dataclass(frozen=True)
+class Subject:
+    """What a report is on."""
 
-    A failed run is finished: that it failed is a result. The estimators that runs used are shown with them, so they
-    are inputs too, unless they are gone.
+    runs: list[str]  # ids of the cells
+    estimators: list[str]  # ids
+    studies: Reported
+    left_out: list[LeftOut]
+
+    @property
+    def ids(self) -> list[str]:
+        """Every input of the report, the studies' last."""
+        return list(dict.fromkeys([*self.runs, *self.estimators, *self.studies.runs]))
+
+
+def subject(session: Session, runs: Sequence[str], estimators: Sequence[str], base: str | None = None) -> Subject:
+    """Runs (NAME means its finished cells, NAME/CELL that one) and estimators to report on; both empty: all there is.
+
+    The configuration's studies whose runs lie beside the matrix `base` come with it, so do the estimators that runs
+    used, unless they are gone.
+
+    Raises:
+        ArtifactError: a name that is not there, a NAME of which nothing is finished, or nothing finished at all.
     """
+    root = session.root
+    told = studies.finished(session, base) if base else Reported([], [], [])
     if not runs and not estimators:
-        every = [*existing_ids(session.root, "runs"), *existing_ids(session.root, "estimators")]
-        finished = [each for each in every if load(session.root, each).status in _accepted(each)]
-        if not finished:
-            raise ArtifactError(f"nothing to analyze under {session.root}: no finished run and no finished estimator")
-        return finished
-    cells = [cell for name in runs for cell in expand(session.root, name)]
+        cells, left_out = _finished(root, existing_ids(root, "runs"))
+        made = [each for each in existing_ids(root, "estimators") if load(root, each).status == "complete"]
+        if not cells and not made:
+            raise ArtifactError(f"nothing to analyze under {root}: no finished run and no finished estimator")
+        return Subject(cells, made, told, left_out)
+    cells, left_out = [], []
+    for name in runs:
+        found, unfinished = expand(root, name)
+        cells += found
+        left_out += unfinished
     named = [f"estimators/{name.removeprefix('estimators/')}" for name in estimators]
-    return list(dict.fromkeys([*cells, *named, *_used(session.root, cells)]))
+    cells = list(dict.fromkeys(cells))
+    return Subject(cells, list(dict.fromkeys([*named, *_used(root, cells)])), told, [*left_out, *told.left_out])
 
 
 def _used(root: Path, cells: Sequence[str]) -> list[str]:
@@ -35,48 +63,62 @@ def _used(root: Path, cells: Sequence[str]) -> list[str]:
     return [ref.id for cell in cells for ref in load(root, cell).inputs if ref.id in there]
 
 
-def _accepted(artifact_id: str) -> tuple[str, ...]:
-    return ("complete", "failed") if artifact_id.startswith("runs/") else ("complete",)
+def _finished(root: Path, cells: Sequence[str]) -> tuple[list[str], list[LeftOut]]:
+    """Those that are finished, and how many of each NAME are not."""
+    finished = [each for each in cells if load(root, each).status in FINISHED]
+    left_out = []
+    for name in dict.fromkeys(each.rpartition("/")[0] for each in cells):
+        of, done = (sum(each.startswith(f"{name}/") for each in group) for group in (cells, finished))
+        if done < of:
+            left_out.append(LeftOut(name, of - done, of, of - done))
+    return finished, left_out
 
 
-def expand(root: Path, name: str) -> list[str]:
-    """Ids of the cells that NAME or NAME/CELL means."""
+def expand(root: Path, name: str) -> tuple[list[str], list[LeftOut]]:
+    """Ids of the cells that NAME or NAME/CELL means; of a NAME only the finished ones, and what is left out."""
     name = name.removeprefix("runs/").strip("/")
     there = existing_ids(root, "runs")
-    found = [each for each in there if each == f"runs/{name}" or each.startswith(f"runs/{name}/")]
-    if not found:
+    if f"runs/{name}" in there:
+        return [f"runs/{name}"], []
+    cells = [each for each in there if each.startswith(f"runs/{name}/")]
+    if not cells:
         names = ", ".join(sorted({split_id(each)[1][0] for each in there})) or "no runs"
         raise ArtifactError(f"no run {name!r} under {root}; there: {names}", awaited=True)
-    return found
+    finished, left_out = _finished(root, cells)
+    if not finished:
+        raise ArtifactError(f"none of the {len(cells)} runs of {name} is finished: nothing to report yet", awaited=True)
+    return finished, left_out
 
 
-def request(session: Session, name: str, ids: Sequence[str]) -> Request:
+def request(session: Session, name: str, subject: Subject) -> Request:
     """The report asked for, every input verified and pinned."""
-    for each in ids:
-        load_complete(session.root, each, accepted=_accepted(each))
+    for each in subject.ids:
+        load_complete(session.root, each, accepted=FINISHED if each.startswith("runs/") else ("complete",))
     config = AnalyzeStageConfig(analyze=session.config.analyze).model_dump(mode="json")
-    return Request(f"reports/{name}", config, [input_ref(session.root, each) for each in ids])
+    inputs = [input_ref(session.root, each) for each in subject.ids]
+    return Request(f"reports/{name}", {**config, **subject.studies.as_config()}, inputs)
 
 
-def analyze(session: Session, name: str, runs: Sequence[str] = (), estimators: Sequence[str] = ()) -> Outcome:
-    """Write a report on runs and estimators."""
-    ids = inputs(session, runs, estimators)
+def analyze(session: Session, name: str, subject: Subject) -> Outcome:
+    """Write a report; the summary says how many runs were left out of it."""
 
     def stage(build: Build) -> dict[str, Any]:
         from pipeline.camera_views import write_camera_views
         from pipeline.recordings import record_episode
         from stages.analyze.run import run
 
-        estimators = [each for each in ids if each.startswith("estimators/")]
-        write_camera_views(session.store, estimators, build.path / "figures")
+        write_camera_views(session.store, subject.estimators, build.path / "figures")
         return run(
             session.config.analyze,
             session.root,
-            [each.removeprefix("runs/") for each in ids if each.startswith("runs/")],
-            [each.removeprefix("estimators/") for each in estimators],
+            [each.removeprefix("runs/") for each in subject.runs],
+            [each.removeprefix("estimators/") for each in subject.estimators],
             build.path,
+            studies=subject.studies.studies,
             record_episode=record_episode(session.root),
             progress=session.progress,
         )
 
-    return make(session, request(session, name, ids), stage)
+    outcome = make(session, request(session, name, subject), stage)
+    left_out = sum(each.left_out for each in subject.left_out)
+    return replace(outcome, summary={**outcome.summary, "runs_left_out": left_out})

@@ -1,36 +1,64 @@
-"""The four stages in order."""
+"""The four stages in order, and the studies beside the main matrix."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pipeline.artifacts.store import Request
 from pipeline.matrix import cells
-from pipeline.steps import analyze, collect, perception, policy
+from pipeline.steps import analyze, collect, perception, policy, studies
 from pipeline.steps.session import Outcome, Session, planned
+from pipeline.steps.studies import LeftOut
 from schemas.errors import ArtifactError
 
-Announce = Callable[[int, str, str], None]
+Announce = Callable[[int, int, str, str], None]
+Matrix = tuple[Session, str]
+"""What one matrix of runs is trained with, and its NAME."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What one step did."""
+
+    stage: str
+    artifact: str
+    outcomes: list[Outcome]
+    seconds: float
 
 
 @dataclass
 class Chain:
-    """What the stages did."""
+    """What the stages did, in order; train-policy once for each matrix."""
 
-    outcomes: dict[str, list[Outcome]] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
+    steps: list[Done] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+    """What the report leaves out: interrupted variants of studies that were not asked for now."""
+
+    def outcomes(self, stage: str) -> list[Outcome]:
+        """Artifacts of one stage."""
+        return [outcome for step in self.steps if step.stage == stage for outcome in step.outcomes]
+
+    def seconds(self, stage: str) -> float:
+        """Time that one stage took."""
+        return sum(step.seconds for step in self.steps if step.stage == stage)
+
+    @property
+    def stages(self) -> list[str]:
+        """Their names."""
+        return list(dict.fromkeys(step.stage for step in self.steps))
 
     @property
     def cells(self) -> list[Outcome]:
-        """Runs of the matrix."""
-        return self.outcomes["train-policy"]
+        """Runs of the matrix and of the studies."""
+        return self.outcomes("train-policy")
 
     @property
     def report(self) -> Path:
         """The HTML report."""
-        return self.outcomes["analyze"][0].path / "report.html"
+        return self.outcomes("analyze")[0].path / "report.html"
 
     @property
     def recordings(self) -> list[Path]:
@@ -38,44 +66,83 @@ class Chain:
         return sorted(self.report.parent.rglob("*.rrd"))
 
 
-def run_chain(session: Session, name: str, announce: Announce | None = None) -> Chain:
-    """Make what is missing of datasets/NAME, estimators/NAME, runs/NAME/* and reports/NAME.
+def run_chain(session: Session, name: str, asked: Sequence[str] = (), announce: Announce | None = None) -> Chain:
+    """Make what is missing of datasets/NAME, estimators/NAME, runs/NAME/*, the studies asked for and reports/NAME.
 
     Runs that fail are reported on like the others: that they failed is a result.
     """
     chain = Chain()
-    stages: list[tuple[str, str, Callable[[], list[Outcome]]]] = [
-        ("collect", f"datasets/{name}", lambda: [collect.collect(session, name)]),
-        ("train-perception", f"estimators/{name}", lambda: [perception.train_perception(session, name, name)]),
-        ("train-policy", f"runs/{name}", lambda: policy.train_policy(session, name, name)),
-        ("analyze", f"reports/{name}", lambda: [_analyze(session, name, chain.cells)]),
-    ]
-    for number, (stage, artifact, step) in enumerate(stages, start=1):
+    matrices = _matrices(session, name, asked)
+    total = 3 + len(matrices)
+
+    def step(stage: str, artifact: str, work: Callable[[], list[Outcome]]) -> None:
         if announce:
-            announce(number, stage, artifact)
+            announce(len(chain.steps) + 1, total, stage, artifact)
         started = time.monotonic()
-        chain.outcomes[stage] = step()
-        chain.seconds[stage] = time.monotonic() - started
+        outcomes = work()
+        chain.steps.append(Done(stage, artifact, outcomes, time.monotonic() - started))
+
+    step("collect", f"datasets/{name}", lambda: [collect.collect(session, name)])
+    step("train-perception", f"estimators/{name}", lambda: [perception.train_perception(session, name, name)])
+    _check(matrices, name)
+    for its, run in matrices:
+        step("train-policy", f"runs/{run}", partial(policy.train_policy, its, run, name))
+    step("analyze", f"reports/{name}", lambda: [_analyze(session, name, chain)])
     return chain
 
 
-def _analyze(session: Session, name: str, runs: list[Outcome]) -> Outcome:
-    return analyze.analyze(session, name, [run.id for run in runs], [name])
+def _matrices(session: Session, name: str, asked: Sequence[str]) -> list[Matrix]:
+    """The main matrix, then every variant of the studies asked for."""
+    return [(session, name), *studies.sessions(session, name, studies.chosen(session.config, asked))]
 
 
-def plan(session: Session, name: str) -> list[dict[str, Any]]:
+def _check(matrices: Sequence[Matrix], estimator: str) -> None:
+    """Refuse what the last matrix would be refused for before the first is trained."""
+    for session, run in matrices:
+        perception.require_robot(session, estimator)
+        policy.check(session, run, estimator)
+
+
+def _cells(session: Session, name: str) -> list[str]:
+    """Ids of the runs of a matrix."""
+    return [f"runs/{name}/{cell.name}" for cell in cells(session.config.policy)]
+
+
+def _analyze(session: Session, name: str, chain: Chain) -> Outcome:
+    subject = analyze.subject(session, _cells(session, name), [name], base=name)
+    chain.left_out = subject.left_out
+    return analyze.analyze(session, name, subject)
+
+
+def plan(session: Session, name: str, asked: Sequence[str] = ()) -> list[dict[str, Any]]:
     """What `run_chain` would do; what cannot be known before its inputs exist is said so."""
-    runs = [f"runs/{name}/{cell.name}" for cell in cells(session.config.policy)]
-    return [
+    steps = [
         *_planned(session, [f"datasets/{name}"], lambda: [collect.request(session, name)]),
         *_planned(session, [f"estimators/{name}"], lambda: [perception.request(session, name, name)]),
-        *_planned(session, runs, lambda: [request for _, request in policy.requests(session, name, name)]),
-        *_planned(session, [f"reports/{name}"], lambda: [_report_request(session, name, runs)]),
     ]
+    matrices = _matrices(session, name, asked)
+    for its, run in matrices:
+        steps += _planned(its, _cells(its, run), partial(_requests, its, run, name))
+    return [*steps, *_planned_report(session, name, matrices)]
 
 
-def _report_request(session: Session, name: str, runs: list[str]) -> Request:
-    return analyze.request(session, name, analyze.inputs(session, runs, [name]))
+def _requests(session: Session, name: str, estimator: str) -> list[Request]:
+    return [request for _, request in policy.requests(session, name, estimator)]
+
+
+def _planned_report(session: Session, name: str, matrices: Sequence[Matrix]) -> list[dict[str, Any]]:
+    left_out: list[LeftOut] = []
+
+    def requests() -> list[Request]:
+        subject = analyze.subject(session, _cells(session, name), [name], base=name)
+        wanted = {each for its, run in matrices[1:] for each in _cells(its, run)}
+        if not wanted <= set(subject.studies.runs):
+            raise ArtifactError("not all runs of the studies are finished", awaited=True)
+        left_out.extend(subject.left_out)
+        return [analyze.request(session, name, subject)]
+
+    steps = _planned(session, [f"reports/{name}"], requests)
+    return [*(each.planned() for each in left_out), *steps]
 
 
 def _planned(session: Session, ids: list[str], requests: Callable[[], list[Request]]) -> list[dict[str, Any]]:

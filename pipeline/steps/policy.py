@@ -61,11 +61,17 @@ def _episodes(cell: Cell) -> int:
     return config.episodes + evaluations * config.eval_episodes + config.final_episodes
 
 
-def train_policy(session: Session, name: str, estimator: str | None) -> list[Outcome]:
-    """Train the cells that are not complete; a cell that fails does not stop the others."""
+def check(session: Session, name: str, estimator: str | None) -> list[tuple[Cell, Request]]:
+    """The requests, none of which is refused: a name taken by another config shows before any cell is begun."""
     asked = requests(session, name, estimator)
     for _, request in asked:
-        session.store.existing(request, session.resume)  # refuse before any cell is begun
+        session.store.existing(request, session.resume)
+    return asked
+
+
+def train_policy(session: Session, name: str, estimator: str | None) -> list[Outcome]:
+    """Train the cells that are not complete; a cell that fails does not stop the others."""
+    asked = check(session, name, estimator)
     outcomes: dict[str, Outcome] = {}
     with ExitStack() as stack:
         work: list[Work] = []

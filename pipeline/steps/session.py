@@ -84,4 +84,4 @@ def planned(session: Session, request: Request) -> dict[str, str]:
         return {"id": request.id, "plan": "make"}
     if manifest.status != "complete":
         return {"id": request.id, "plan": "resume"}
-    return {"id": request.id, "plan": "nothing" if manifest.inputs == request.inputs else "make again: new inputs"}
+    return {"id": request.id, "plan": "nothing" if request.is_answered_by(manifest) else "make again: new inputs"}

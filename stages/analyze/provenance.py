@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
-from schemas.manifest import Manifest
+from schemas.manifest import Code, Environment, Manifest
 from stages.analyze.catalogue import Artifact
 from stages.analyze.results import Group, misalignment
 from stages.analyze.statistics import Summary, distinct_resamples
@@ -38,7 +38,7 @@ class Lineage:
 def lineage(selection: Selection) -> list[Lineage]:
     """The artifacts analysed and everything they were made from, inputs first."""
     chosen: dict[str, Artifact] = {}
-    for artifact in [*selection.estimators, *selection.runs]:
+    for artifact in [*selection.estimators, *selection.every_run]:
         _with_inputs(artifact, selection.sources, chosen)
     return [_row(artifact, selection.sources) for artifact in chosen.values()]
 
@@ -92,13 +92,13 @@ def environments(artifacts: Sequence[Artifact]) -> list[EnvironmentFacts]:
     for artifact in artifacts:
         found.setdefault(artifact.manifest.environment.model_dump_json(), []).append(artifact)
     return [
-        EnvironmentFacts(f"{len(members)} artifact{'s' * (len(members) > 1)}", _facts(members[0].manifest))
+        EnvironmentFacts(f"{len(members)} artifact{'s' * (len(members) > 1)}", facts(members[0].manifest.environment))
         for members in found.values()
     ]
 
 
-def _facts(manifest: Manifest) -> list[tuple[str, str]]:
-    environment = manifest.environment
+def facts(environment: Environment) -> list[tuple[str, str]]:
+    """What may explain a difference between machines, as names and values."""
     packages = [f"{name} {environment.packages[name]}" for name in _PACKAGES if name in environment.packages]
     return [
         ("Python", environment.python),
@@ -135,12 +135,12 @@ def _finding(ours: Group, a: Summary, b: Summary, confidence: str, several: bool
     return f"{said}; their {confidence} intervals {'do not overlap' if apart else 'overlap'}."
 
 
-def limits(groups: Sequence[Group], artifacts: Sequence[Artifact], paper_seeds: int) -> list[str]:
-    """What these logs cannot show, computed from them."""
+def limits(groups: Sequence[Group], codes: Sequence[Code], paper_seeds: int) -> list[str]:
+    """What these logs cannot show, computed from them; `codes` made the artifacts."""
     judged = [group for group in groups if group.seeds]
     if not judged:
         return ["No run has been evaluated yet: nothing can be concluded about the schemes."]
-    return [*_seed_limits(judged, paper_seeds), *_evaluation_limits(judged), *_run_limits(groups, artifacts)]
+    return [*_seed_limits(judged, paper_seeds), *_evaluation_limits(judged), *_run_limits(groups, codes)]
 
 
 def _seed_limits(judged: Sequence[Group], paper_seeds: int) -> list[str]:
@@ -176,15 +176,17 @@ def _evaluation_limits(judged: Sequence[Group]) -> list[str]:
     return lines
 
 
-def _run_limits(groups: Sequence[Group], artifacts: Sequence[Artifact]) -> list[str]:
+def _run_limits(groups: Sequence[Group], codes: Sequence[Code]) -> list[str]:
     lines = []
     running, failed = sum(group.running for group in groups), sum(group.failed for group in groups)
     if running:
         lines.append(f"{running} run{'s' * (running > 1)} still training: the numbers are as of now.")
     if failed:
-        lines.append(f"{failed} run{'s' * (failed > 1)} failed, left out of the statistics.")
-    if len({artifact.manifest.code.git_commit for artifact in artifacts}) > 1:
+        lines.append(
+            f"{failed} run{'s' * (failed > 1)} failed: left out of the means, counted as 0 where a claim is judged."
+        )
+    if len({code.git_commit for code in codes}) > 1:
         lines.append("The artifacts were made by more than one version of the code (see the lineage).")
-    if any(artifact.manifest.code.dirty for artifact in artifacts):
+    if any(code.dirty for code in codes):
         lines.append("Some artifacts were made by code with uncommitted changes (see the lineage).")
     return lines

@@ -1,7 +1,6 @@
 """The report: one HTML file that opens offline, with everything it needs inside."""
 
 import base64
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,14 +11,16 @@ import jinja2
 import vl_convert
 from markupsafe import Markup
 
-from stages.analyze import paper, provenance
+from stages.analyze import formats, paper, provenance
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.figures import export, theme
+from stages.analyze.derived import Derived, estimator_errors
+from stages.analyze.figures import cameras, export, theme
 from stages.analyze.figures.figure import Figure
 from stages.analyze.recordings import Recording
-from stages.analyze.results import SCHEMES, Comparison, Group, Switch, misalignment
-from stages.analyze.study import Answer, Selection
+from stages.analyze.results import SCHEMES, Answer
+from stages.analyze.study import Selection
+from stages.analyze.verdicts import RULES
 
 _ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("stages.analyze"),
@@ -37,20 +38,26 @@ class Contents:
     config: AnalyzeConfig
     selection: Selection
     answers: dict[str, Answer]
-    groups: list[Group]
-    switches: list[Switch]
-    comparisons: list[Comparison]
+    derived: Derived
     estimator_figures: list[Figure]
     curve_figures: list[Figure]
     success_figures: list[Figure]
     error_figures: list[Figure]
+    region_figures: list[Figure]
+    study_figures: list[Figure]
     recordings: list[Recording]
     cameras: list[Path]
 
     @property
     def figures(self) -> list[Figure]:
         """All of them, in the order of the page."""
-        return [*self.estimator_figures, *self.curve_figures, *self.success_figures, *self.error_figures]
+        of_policies = [*self.curve_figures, *self.success_figures, *self.error_figures, *self.region_figures]
+        return [*self.estimator_figures, *of_policies, *self.study_figures]
+
+    @property
+    def shown(self) -> list[Artifact]:
+        """Every artifact that a number of the report is from."""
+        return [*self.selection.estimators, *self.selection.every_run]
 
 
 def render(contents: Contents) -> str:
@@ -60,26 +67,33 @@ def render(contents: Contents) -> str:
         {"id": "success", "title": "Success", "figures": contents.success_figures},
         {"id": "reward-errors", "title": "Reward error", "figures": contents.error_figures},
     ]
-    shown = [*contents.selection.estimators, *contents.selection.runs]
+    groups = contents.derived.groups
     confidence = f"{100 * contents.config.confidence:g} %"
     return _ENVIRONMENT.get_template("report.html.j2").render(
         title=_title(contents.selection),
         sections=_sections(contents, policy_sections),
         tiles=_tiles(contents),
-        findings=provenance.findings(contents.groups, confidence),
-        groups=contents.groups,
-        several_names=len({group.name for group in contents.groups}) > 1,
-        failed=[run for run in contents.selection.runs if run.manifest.status == "failed"],
-        estimators=[_estimator(artifact) for artifact in contents.selection.estimators],
+        findings=provenance.findings(groups, confidence),
+        groups=groups,
+        several_names=len({group.name for group in groups}) > 1,
+        failed=[run for run in contents.selection.every_run if run.manifest.status == "failed"],
+        estimators=contents.answers["estimators"].rows if "estimators" in contents.answers else [],
         estimator_figures=contents.estimator_figures,
         policy_sections=policy_sections,
-        switches=contents.switches,
-        comparisons=contents.comparisons,
-        cameras=[{"title": path.stem.removeprefix("camera-"), "uri": _data_uri(path)} for path in contents.cameras],
+        switches=contents.derived.switches,
+        best_beside=contents.derived.best_beside,
+        claims=contents.derived.claims,
+        targets=contents.derived.targets,
+        rules=RULES,
+        studies=_studies(contents),
+        region_figures=contents.region_figures,
+        correlations=contents.answers["region-correlation"].rows if "region-correlation" in contents.answers else [],
+        comparisons=contents.derived.comparisons,
+        cameras=[{"title": cameras.title(path), "uri": _data_uri(path)} for path in contents.cameras],
         recordings=[recording for recording in contents.recordings if recording.error is None],
-        limits=_limits(contents, shown),
+        limits=_limits(contents),
         lineage=provenance.lineage(contents.selection),
-        environments=provenance.environments(shown),
+        environments=provenance.environments(contents.shown),
         settings=[(key.replace("_", " "), value) for key, value in contents.config.model_dump().items()],
         sql={name.replace("-", "_"): answer.sql for name, answer in contents.answers.items()},
         confidence=confidence,
@@ -104,7 +118,10 @@ def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tupl
         ("estimator", "Estimator", contents.estimator_figures),
         ("cameras", "Camera settings", contents.cameras),
         *((section["id"], section["title"], section["figures"]) for section in policy),
-        ("switch", "Effect of the switch", contents.switches),
+        ("regions", "Regions of the table", contents.region_figures),
+        ("switch", "Effect of the switch", contents.derived.switches),
+        ("claims", "The paper's claims", contents.derived.groups),
+        ("studies", "Studies", contents.selection.studies),
         ("paper", "Paper beside ours", True),
         ("recordings", "Recordings", any(recording.error is None for recording in contents.recordings)),
         ("limits", "What can be concluded", True),
@@ -128,33 +145,40 @@ def _tiles(contents: Contents) -> list[_Tile]:
     if runs:
         statuses = [run.manifest.status for run in runs]
         counts = [f"{statuses.count(s)} {s}" for s in ("complete", "running", "failed") if s in statuses]
-        tiles.append(_Tile("Runs", str(len(runs)), "", ", ".join(counts)))
-        seeds = sorted({len(group.seeds) for group in contents.groups})
+        beside = len(contents.selection.study_runs)
+        note = ", ".join(counts) + (f"; {beside} more in the studies" if beside else "")
+        tiles.append(_Tile("Runs", str(len(runs)), "", note))
+        seeds = sorted({len(group.seeds) for group in contents.derived.groups})
         several = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]}–{seeds[-1]}"
-        tiles.append(_Tile("Seeds a group", several, "", f"{len(contents.groups)} groups; the paper has {paper.SEEDS}"))
+        tiles.append(
+            _Tile("Seeds a group", several, "", f"{len(contents.derived.groups)} groups; the paper has {paper.SEEDS}")
+        )
         volume = contents.answers["volume"].rows[0]
         note = f"in {volume['episodes']:,} episodes, every one queryable and replayable"
         tiles.append(_Tile("Transitions logged", f"{volume['transitions'] or 0:,}", "", note))
-    errors = [row for row in map(_estimator, contents.selection.estimators) if row["mean"] is not None]
-    if errors:
-        best = min(errors, key=lambda row: row["mean"])
+    if errors := estimator_errors(contents.answers):
         note = f"mean on test episodes; the paper has {100 * paper.ESTIMATOR_ERROR:.1f} cm"
-        tiles.append(_Tile("Estimator error", f"{100 * best['mean']:.2f}", "cm", note))
+        tiles.append(_Tile("Estimator error", f"{100 * min(errors.values()):.2f}", "cm", note))
     return tiles
 
 
-def _estimator(artifact: Artifact) -> dict[str, Any]:
-    summary = artifact.manifest.summary
-    errors = {part: _number(summary.get(f"test_{part}_error")) for part in ("mean", "median", "p95")}
-    return {"name": artifact.name, "epochs": summary.get("epochs"), **errors}
+def _studies(contents: Contents) -> list[dict[str, Any]]:
+    """Each study with its variants, what they say, and its figure."""
+    figures = {figure.id: figure for figure in contents.study_figures}
+    return [
+        {
+            "study": study,
+            "variants": [each for each in contents.derived.variants if each.study == study.name],
+            "sentences": contents.derived.study_sentences[study.name],
+            "figure": figures.get(f"study-{study.name}"),
+        }
+        for study in contents.selection.studies
+    ]
 
 
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
-
-
-def _limits(contents: Contents, shown: Sequence[Artifact]) -> list[str]:
-    lines = provenance.limits(contents.groups, shown, paper.SEEDS)
+def _limits(contents: Contents) -> list[str]:
+    codes = [artifact.manifest.code for artifact in contents.shown]
+    lines = provenance.limits(contents.derived.groups, codes, paper.SEEDS)
     return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]
 
 
@@ -184,21 +208,9 @@ def _data_uri(path: Path) -> str:
     return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
 
 
-def _figure(value: float | None, digits: int = 1, scale: float = 1) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{value * scale:.{digits}f}".replace("-", "−")
-
-
-def _signed(value: float, digits: int = 1) -> str:
-    text = f"{value:+.{digits}f}"
-    return text.replace("-", "−") if float(text) else f"{0:.{digits}f}"
-
-
 def _schemes_of(figure: Figure) -> list[str]:
     present = {row["scheme"] for row in figure.rows}
     return [scheme for scheme in SCHEMES if scheme in present]
 
 
-_ENVIRONMENT.filters["figure"] = _figure
-_ENVIRONMENT.filters["signed"] = _signed
-_ENVIRONMENT.filters["camera"] = lambda item: misalignment(item.misalignment_kind, item.misalignment_deg)
-_ENVIRONMENT.filters["schemes_of"] = _schemes_of
+_ENVIRONMENT.filters |= {**formats.FILTERS, "schemes_of": _schemes_of}

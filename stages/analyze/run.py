@@ -1,4 +1,4 @@
-"""The analysis: logs in, one report with its figures, tables and recordings out."""
+"""The analysis: logs in, one report with its figures, tables, evidence and recordings out."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,14 +6,16 @@ from typing import Any
 
 from schemas.files import write_bytes
 from schemas.progress import Progress
-from stages.analyze import recordings, report, results, tables
-from stages.analyze.catalogue import Artifact
+from stages.analyze import evidence, recordings, report, results, tables
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.figures import estimator, export, policy
+from stages.analyze.derived import Derived, derive, estimator_errors
+from stages.analyze.figures import cameras, estimator, export, policy, regions
+from stages.analyze.figures import studies as study_figures
 from stages.analyze.figures.figure import Figure
 from stages.analyze.recordings import RecordEpisode, Recording
-from stages.analyze.results import Group, Statistics
-from stages.analyze.study import Answer, ask_all, choose
+from stages.analyze.results import Answer, Group
+from stages.analyze.studies import Study
+from stages.analyze.study import Selection, ask_all, choose
 
 
 def run(
@@ -23,43 +25,37 @@ def run(
     estimators: Sequence[str],
     out: Path,
     *,
+    studies: Sequence[Study] = (),
     record_episode: RecordEpisode | None,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write report.html, figures/, tables/ and recordings into `out`; returns the summary for the manifest.
+    """Write report.html, README.md, provenance.json, config.toml, figures/, tables/ and recordings into `out`.
 
-    `runs` are NAMEs or NAME/CELL, `estimators` NAMEs; with neither, everything under `data_root` is analysed.
+    `runs` are NAMEs or NAME/CELL, `estimators` NAMEs; with neither, everything under `data_root` is analysed. The runs
+    of `studies` appear in the studies' tables only. Returns the summary for the manifest.
 
     Raises:
         ArtifactError: an unknown name, nothing to analyse, or logs that cannot be read.
     """
-    selection = choose(data_root, runs, estimators)
+    selection = choose(data_root, runs, estimators, studies)
     answers = ask_all(data_root, selection, config.recordings, progress)
-    statistics = Statistics(config)
-    groups = results.groups(selection.runs, _rows(answers, "outcomes"), statistics)
+    derived = derive(config, selection.studies, answers)
     contents = report.Contents(
         config=config,
         selection=selection,
         answers=answers,
-        groups=groups,
-        switches=results.switches(_rows(answers, "switch-effect"), statistics),
-        comparisons=results.beside_paper(groups),
+        derived=derived,
         estimator_figures=_estimator_figures(answers),
         curve_figures=_by_task(answers, "learning-curves", _curves(answers)),
         success_figures=_by_task(answers, "outcomes", policy.success),
         error_figures=_reward_error(answers),
+        region_figures=_by_task(answers, "regions", regions.regions),
+        study_figures=_studies(selection, answers, derived),
         recordings=_record(config, answers, out, record_episode, progress),
-        cameras=sorted((out / "figures").glob("camera-*.png"), key=_camera_order),
+        cameras=cameras.pictures(out / "figures"),
     )
     _write(contents, out, progress)
     return _summary(contents)
-
-
-def _camera_order(picture: Path) -> tuple[str, float]:
-    """By kind of misalignment and angle: `camera-0°`, `camera-orbit 5°`, `camera-orbit 10°`, …"""
-    kind, _, angle = picture.stem.removeprefix("camera-").rpartition(" ")
-    digits = angle.rstrip("°")
-    return kind, float(digits) if digits.replace(".", "").isdigit() else 0.0
 
 
 def _rows(answers: dict[str, Answer], name: str) -> list[results.Row]:
@@ -75,11 +71,12 @@ def _estimator_figures(answers: dict[str, Answer]) -> list[Figure]:
 
 
 def _by_task(
-    answers: dict[str, Answer], name: str, make: Callable[[str, list[results.Row], str], Figure]
+    answers: dict[str, Answer], name: str, make: Callable[[str, list[results.Row], str], Figure | None]
 ) -> list[Figure]:
     rows = _rows(answers, name)
     tasks = sorted({row["task"] for row in rows}, key=lambda task: (task != "reach", task))
-    return [make(task, [row for row in rows if row["task"] == task], answers[name].sql) for task in tasks]
+    made = [make(task, [row for row in rows if row["task"] == task], answers[name].sql) for task in tasks]
+    return [figure for figure in made if figure is not None]
 
 
 def _curves(answers: dict[str, Answer]) -> Callable[[str, list[results.Row], str], Figure]:
@@ -93,6 +90,14 @@ def _curves(answers: dict[str, Answer]) -> Callable[[str, list[results.Row], str
 def _reward_error(answers: dict[str, Answer]) -> list[Figure]:
     rows = _rows(answers, "reward-error")
     return [policy.reward_error(rows, answers["reward-error"].sql)] if rows else []
+
+
+def _studies(selection: Selection, answers: dict[str, Answer], derived: Derived) -> list[Figure]:
+    made = []
+    for study in selection.studies:
+        mine = [each for each in derived.variants if each.study == study.name]
+        made.append(study_figures.study(study, mine, answers["study-outcomes"].sql))
+    return [figure for figure in made if figure is not None]
 
 
 def _record(
@@ -113,11 +118,13 @@ def _record(
 def _write(contents: report.Contents, out: Path, progress: Progress) -> None:
     for directory in (out / "figures", out / "tables"):
         directory.mkdir(exist_ok=True)
-    tables.write_all(out / "tables", contents.answers, contents.groups, contents.comparisons)
+    tables.write_all(out / "tables", contents.answers, contents.derived.tables)
     with progress.task("figures", total=len(contents.figures)) as task:
         for figure in contents.figures:
             export.write(figure, out / "figures")
             task.advance()
+    cameras.write(contents.cameras, out / "figures")
+    evidence.write(contents, out)
     write_bytes(report.render(contents).encode(), out / "report.html")
 
 
@@ -126,15 +133,9 @@ def _summary(contents: report.Contents) -> dict[str, Any]:
         "runs": len(contents.selection.runs),
         "report": "report.html",
         "recordings": [recording.file for recording in contents.recordings if recording.error is None],
-        "estimator_error": _estimator_error(contents.selection.estimators),
-        "results": [_result(group) for group in contents.groups],
+        "estimator_error": min(estimator_errors(contents.answers).values(), default=None),
+        "results": [_result(group) for group in contents.derived.groups],
     }
-
-
-def _estimator_error(estimators: Sequence[Artifact]) -> float | None:
-    """Smallest mean test error [m] of the estimators that have one."""
-    errors = [artifact.manifest.summary.get("test_mean_error") for artifact in estimators]
-    return min((float(error) for error in errors if error is not None), default=None)
 
 
 def _result(group: Group) -> dict[str, Any]:

@@ -60,6 +60,21 @@ def bootstrap_interval(
     return float(low), float(high)
 
 
+def paired_interval(
+    a: np.ndarray,
+    b: np.ndarray,
+    rng: np.random.Generator,
+    samples: int,
+    confidence: float,
+    statistic: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of `statistic` of the means of `a` (n,) and `b` (n,), drawn by the same indices."""
+    drawn = rng.integers(len(a), size=(samples, len(a)))
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(statistic(a[drawn].mean(axis=1), b[drawn].mean(axis=1)), [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
 def distinct_resamples(n: int) -> int:
     """How many different bootstrap samples `n` values have: with three it is 10, which bounds any interval's detail."""
     return comb(2 * n - 1, n)

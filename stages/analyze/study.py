@@ -7,11 +7,12 @@ from pathlib import Path
 import duckdb
 
 from schemas.errors import ArtifactError, ConfigError
-from schemas.progress import Progress
+from schemas.progress import Progress, Task
 from stages.analyze import questions
 from stages.analyze.catalogue import Artifact, artifacts, select
 from stages.analyze.query import query
-from stages.analyze.results import Row
+from stages.analyze.results import Answer, Row
+from stages.analyze.studies import Study
 from stages.analyze.views import connect
 
 
@@ -22,72 +23,115 @@ class Selection:
     runs: list[Artifact]
     estimators: list[Artifact]
     sources: dict[str, Artifact]  # every dataset and estimator under the data root, by id
-    runs_condition: str  # SQL
-    estimators_condition: str
+    studies: tuple[Study, ...]
+    study_runs: list[Artifact]  # those of `studies` that are not in `runs`
+    references: list[Artifact]  # runs of the matrices that the studies are beside
+    blanks: dict[str, str]  # of the questions, in SQL
+
+    @property
+    def every_run(self) -> list[Artifact]:
+        """The runs and those of the studies beside them."""
+        return [*self.runs, *self.study_runs]
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A question and its rows."""
-
-    sql: str
-    rows: list[Row]
-
-
-def choose(data_root: Path, runs: Sequence[str], estimators: Sequence[str]) -> Selection:
+def choose(data_root: Path, runs: Sequence[str], estimators: Sequence[str], studies: Sequence[Study] = ()) -> Selection:
     """The artifacts named and the estimators that the runs named used; everything there is when nothing is named.
 
     Raises:
         ArtifactError: a name that no artifact has, or nothing there to analyse.
     """
     every_run, every_estimator = artifacts(data_root, "runs"), artifacts(data_root, "estimators")
+    of_studies = select(every_run, [name for study in studies for name in study.runs])
     if not runs and not estimators:
-        chosen, made = every_run, every_estimator
+        beside = {run.id for run in of_studies}
+        chosen, made = [run for run in every_run if run.id not in beside], every_estimator
     else:
         chosen = select(every_run, runs)
-        used = {str(run.manifest.config.get("estimator")) for run in chosen}
+        used = {str(run.manifest.config.get("estimator")) for run in [*chosen, *of_studies]}
         named = {artifact.name for artifact in select(every_estimator, estimators)}
         made = [artifact for artifact in every_estimator if artifact.name in used | named]
     if not chosen and not made:
         raise ArtifactError("nothing to analyse: no run and no estimator under the data root; train some first")
-    sources = {artifact.id: artifact for artifact in [*artifacts(data_root, "datasets"), *every_estimator]}
-    conditions = questions.which_runs(chosen, every_run), questions.which_estimators(made)
-    return Selection(chosen, made, sources, *conditions)
+    main = {run.id for run in chosen}
+    return Selection(
+        runs=chosen,
+        estimators=made,
+        sources={artifact.id: artifact for artifact in [*artifacts(data_root, "datasets"), *every_estimator]},
+        studies=tuple(studies),
+        study_runs=[run for run in of_studies if run.id not in main],
+        references=[run for run in every_run if run.name.split("/")[0] in {study.main for study in studies}],
+        blanks=_blanks(chosen, of_studies, made, every_run, studies),
+    )
+
+
+def _blanks(
+    chosen: Sequence[Artifact],
+    of_studies: Sequence[Artifact],
+    estimators: Sequence[Artifact],
+    every_run: Sequence[Artifact],
+    studies: Sequence[Study],
+) -> dict[str, str]:
+    main = questions.named(chosen, every_run)
+    return {
+        "main": main,
+        "every": f"({main} OR {questions.named(of_studies, every_run)})" if of_studies else main,
+        "runs": questions.logged(main),
+        "estimators": questions.which_estimators(estimators),
+        "members": questions.study_members(studies),
+        "keys": questions.study_keys(studies),
+    }
 
 
 def ask_all(data_root: Path, selection: Selection, recordings: int, progress: Progress) -> dict[str, Answer]:
-    """Every question of the report that the selection has something to say about, by name."""
-    texts = _texts(selection, recordings)
-    with (
-        connect(data_root, only=[*selection.runs, *selection.estimators]) as connection,
-        progress.task("queries", total=len(texts)) as task,
-    ):
-        answers = {}
+    """Every question of the report that the selection has something to say about, by name.
+
+    The logs of the studies are large and only their outcomes are asked for: the other questions do not see them.
+    """
+    blanks = selection.blanks | {"count": str(max(1, recordings))}
+    of_main, of_studies = (_filled(texts, blanks) for texts in _questions(selection))
+    main = [*selection.runs, *selection.estimators]
+    every = {artifact.id: artifact for artifact in [*selection.every_run, *selection.references]}
+    with progress.task("queries", total=len(of_main) + len(of_studies)) as task:
+        answers = _answers(data_root, main, of_main, task)
+        return answers | _answers(data_root, list(every.values()), of_studies, task)
+
+
+def _questions(selection: Selection) -> tuple[dict[str, str], dict[str, str]]:
+    """Questions about the main artifacts, and those that concern the studies too."""
+    of_runs = {
+        "outcomes": questions.OUTCOMES,
+        "learning-curves": questions.LEARNING_CURVES,
+        "learning-area": questions.LEARNING_AREA,
+        "switches": questions.SWITCHES,
+        "switch-effect": questions.SWITCH_EFFECT,
+        "reward-error": questions.REWARD_ERROR,
+        "regions": questions.REGIONS,
+        "region-correlation": questions.REGION_CORRELATION,
+        "volume": questions.VOLUME,
+        "extreme-episodes": questions.EXTREME_EPISODES,
+    }
+    of_estimators = {
+        "estimators": questions.ESTIMATORS,
+        "estimator-epochs": questions.EPOCHS,
+        "estimator-misalignment": questions.MISALIGNMENT,
+    }
+    of_main = (of_runs if selection.runs else {}) | (of_estimators if selection.estimators else {})
+    of_every = {"runs": questions.RUNS} if selection.every_run else {}
+    return of_main, of_every | ({"study-outcomes": questions.STUDY_OUTCOMES} if selection.studies else {})
+
+
+def _filled(texts: dict[str, str], blanks: dict[str, str]) -> dict[str, str]:
+    return {name: text.format(**blanks).strip() + "\n" for name, text in texts.items()}
+
+
+def _answers(data_root: Path, seen: Sequence[Artifact], texts: dict[str, str], task: Task) -> dict[str, Answer]:
+    answers = {}
+    with connect(data_root, only=seen) as connection:
         for name, sql in texts.items():
             task.note(name)
             answers[name] = Answer(sql, _ask(connection, sql))
             task.advance()
     return answers
-
-
-def _texts(selection: Selection, recordings: int) -> dict[str, str]:
-    of_runs = {
-        "outcomes": questions.OUTCOMES,
-        "learning-curves": questions.LEARNING_CURVES,
-        "switches": questions.SWITCHES,
-        "switch-effect": questions.SWITCH_EFFECT,
-        "reward-error": questions.REWARD_ERROR,
-        "volume": questions.VOLUME,
-        "extreme-episodes": questions.EXTREME_EPISODES,
-    }
-    of_estimators = {"estimator-epochs": questions.EPOCHS, "estimator-misalignment": questions.MISALIGNMENT}
-    templates = (of_runs if selection.runs else {}) | (of_estimators if selection.estimators else {})
-    blanks = {
-        "runs": selection.runs_condition,
-        "estimators": selection.estimators_condition,
-        "count": str(max(1, recordings)),
-    }
-    return {name: template.format(**blanks).strip() + "\n" for name, template in templates.items()}
 
 
 def _ask(connection: duckdb.DuckDBPyConnection, sql: str) -> list[Row]:

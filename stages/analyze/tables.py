@@ -1,26 +1,24 @@
-"""Answers and results as files: SQL, CSV and Parquet beside the report."""
+"""Answers and what is derived from them as files: SQL, CSV and Parquet beside the report, and back again."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from io import StringIO
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from schemas.files import write_bytes, write_parquet
-from stages.analyze.results import Comparison, Group, Row, flat
-from stages.analyze.study import Answer
+from stages.analyze.results import Answer, Row
 from stages.analyze.writers import write_csv
 
 
-def write_all(
-    directory: Path, answers: dict[str, Answer], groups: Sequence[Group], paper: Sequence[Comparison]
-) -> None:
-    """Write `directory`/NAME.{csv,parquet} for every answer with rows and each table, and every question's NAME.sql."""
+def write_all(directory: Path, answers: Mapping[str, Answer], derived: Mapping[str, list[Row]]) -> None:
+    """Write `directory`/NAME.{csv,parquet} for every answer and derived table, and every question's NAME.sql."""
     for name, answer in answers.items():
         write_bytes(answer.sql.encode(), directory / f"{name}.sql")
         _write(directory, name, answer.rows)
-    _write(directory, "results", flat(groups))
-    _write(directory, "paper", [_paper_row(row) for row in paper])
+    for name, rows in derived.items():
+        _write(directory, name, rows)
 
 
 def _write(directory: Path, name: str, rows: list[Row]) -> None:
@@ -31,18 +29,9 @@ def _write(directory: Path, name: str, rows: list[Row]) -> None:
     write_parquet(table, directory / f"{name}.parquet")
 
 
-def _paper_row(row: Comparison) -> Row:
-    paper, ours = row.paper, row.group
+def read_answers(directory: Path) -> dict[str, Answer]:
+    """The answers that `write_all` wrote: the tables that have a question beside them."""
     return {
-        "task": paper.task,
-        "misalignment_deg": float(paper.misalignment_deg),
-        "misalignment_kind": None if ours is None else ours.misalignment_kind,
-        "scheme": paper.scheme,
-        "name": None if ours is None else ours.name,
-        "paper_return": None if paper.episode_return is None else float(paper.episode_return),
-        "return": None if ours is None or ours.returns is None else ours.returns.mean,
-        "paper_success_rate": paper.success_rate,
-        "success_rate": None if ours is None or ours.success is None else ours.success.mean,
-        "seeds": 0 if ours is None else len(ours.seeds),
-        "source": paper.source,
+        path.stem: Answer(path.read_text(encoding="utf-8"), pq.read_table(path.with_suffix(".parquet")).to_pylist())
+        for path in sorted(directory.glob("*.sql"))
     }

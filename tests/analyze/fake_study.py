@@ -10,6 +10,7 @@ import pyarrow as pa
 from schemas import tables
 from schemas.files import write_parquet
 from schemas.manifest import Code, Environment, FileRef, InputRef, Manifest
+from stages.analyze.studies import Study
 
 MACHINE = Environment(
     python="3.11.9",
@@ -19,6 +20,7 @@ MACHINE = Environment(
     gl_renderer="llvmpipe",
     packages={"torch": "2.13.0", "mujoco": "3.9.1", "numpy": "2.4.2"},
 )
+HALF_RANGE = 0.15  # of the cube's position [m]
 FINAL = {  # task, scheme: final return at 0°, loss per degree, success at 0°, loss of success per degree
     ("reach", "oracle"): (178, 0.0, 1.0, 0.0),
     ("reach", "dense2sparse"): (174, 0.3, 1.0, 0.001),
@@ -140,11 +142,14 @@ def write_run(
     final: bool = True,
     estimator: Path | None = None,
     logged_steps: int = 400,
+    final_steps: int = 0,
     outcome: tuple[float, float] | None = None,
+    settings: dict[str, Any] | None = None,
 ) -> Path:
     """A run with an evaluation every 20 episodes, and `logged_steps` steps of transitions in parts of one episode.
 
-    `outcome` sets episode reward and success rate of the last evaluation, which are drawn at random otherwise.
+    `outcome` sets episode reward and success rate of the last evaluation, which are drawn at random otherwise;
+    `final_steps` are logged of each final episode; `settings` are dotted keys of its configuration that differ.
     """
     rng = np.random.default_rng([seed, int(degrees), *map(ord, task + scheme)])
     cell = f"{task}-{scheme}-{kind}{degrees:02.0f}-seed{seed}"
@@ -156,14 +161,20 @@ def write_run(
     if outcome:
         evaluations[-1] |= dict(zip(("mean_return", "success_rate"), outcome, strict=True))
     write_parquet(table([columns | row for row in evaluations], tables.EVALUATIONS), directory / "evaluations.parquet")
-    rows = _episodes(evaluations, episodes, switch if scheme == "dense2sparse" else episodes, rng)
+    rows = _episodes(evaluations, episodes, switch if scheme == "dense2sparse" else episodes, degrees, seed, rng)
     write_parquet(table([columns | row for row in rows], tables.EPISODES), directory / "episodes.parquet")
     _write_transitions(directory, columns, 8 if task == "lift" else 7, degrees, logged_steps, rng)
-    config = {
-        "policy": {"switch_episode": switch},
+    if final_steps:
+        _write_final_steps(directory, columns, 8 if task == "lift" else 7, degrees, rows, final_steps)
+    config: dict[str, Any] = {
+        "world": {"cube_half_range": HALF_RANGE, "touch": "fingers"},
+        "policy": {"episodes": episodes, "switch_episode": switch, "buffer": "keep", "reset": "none"},
         "run": identity,
         "estimator": estimator.name if estimator else None,
     }
+    for key, value in (settings or {}).items():
+        section, _, name_of = key.partition(".")
+        config[section][name_of] = value
     summary = {"episodes": episodes, "global_steps": 200 * episodes, "final_return": evaluations[-1]["mean_return"]}
     inputs = {f"estimators/{estimator.name}": estimator} if estimator else {}
     write_manifest(directory, f"runs/{name}/{cell}", config, summary, status, inputs)
@@ -197,14 +208,19 @@ def _evaluations(
 
 
 def _episodes(
-    evaluations: list[dict[str, Any]], episodes: int, switch: int, rng: np.random.Generator
+    evaluations: list[dict[str, Any]], episodes: int, switch: int, degrees: float, seed: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = [
         {"split": "train", "episode": i, "phase": "dense" if i < switch else "sparse", "return_dense_true": 50.0 + i}
         for i in range(episodes)
     ]
     rows += [
-        {"split": "final", "episode": i, "return_dense_true": evaluations[-1]["mean_return"] + float(rng.normal(0, 9))}
+        {
+            "split": "final",
+            "episode": i,
+            "return_dense_true": evaluations[-1]["mean_return"] + float(rng.normal(0, 9)),
+            "mean_estimation_error": 0.01 + 0.002 * degrees * (1 + start(seed, i)[0] / HALF_RANGE),
+        }
         for i in range(10 if evaluations[-1]["split"] == "final" else 0)
     ]
     return [row | {"length": 200, "success": row["return_dense_true"] > 100, "wall_time_s": 1.5} for row in rows]
@@ -227,16 +243,60 @@ def _write_transitions(
         write_parquet(table(rows, schema), directory / "transitions" / f"part-{part:05d}.parquet")
 
 
-def write_paper_study(root: Path, seeds: int = 3, logged_steps: int = 400) -> None:
+def start(seed: int, episode: int) -> tuple[float, float]:
+    """Where the cube of a final episode starts [m]: the same in every scheme."""
+    x, y = np.random.default_rng([seed, episode]).uniform(-HALF_RANGE, HALF_RANGE, 2)
+    return float(x), float(y)
+
+
+def _write_final_steps(
+    directory: Path, columns: dict[str, Any], actions: int, degrees: float, episodes: list[dict[str, Any]], steps: int
+) -> None:
+    rows = []
+    for episode in (row for row in episodes if row["split"] == "final"):
+        x, y = start(columns["seed"], episode["episode"])
+        rows += [
+            columns
+            | {"split": "final", "episode": episode["episode"], "step": step, "cube_true_x": x, "cube_true_y": y}
+            | {"reward_dense_true": 0.8, "reward_dense_est": 0.8 - 4 * episode["mean_estimation_error"]}
+            | {"distance_true": 0.02, "observation": [0.0] * 4, "action": [0.5] * actions}
+            for step in range(steps)
+        ]
+    write_parquet(table(rows, tables.transitions(4, actions)), directory / "transitions" / "part-90000.parquet")
+
+
+def write_switch_study(root: Path, seeds: int = 3, estimator: Path | None = None) -> Study:
+    """What the switch is for, beside the main runs `study`: when to switch, and what becomes of the buffer."""
+    for episode, reward in ((25, 150.0), (150, 168.0)):
+        for seed in range(seeds):
+            outcome, settings = (reward + seed, 1.0), {"policy.switch_episode": episode, "policy.final_episodes": 50}
+            name = f"study-switch-{episode}"
+            write_run(root, name, degrees=10.0, seed=seed, outcome=outcome, settings=settings, estimator=estimator)
+    names = ("study-switch-25", "study-switch-150")
+    return Study("switch", "When should the reward switch?", ("policy.switch_episode",), names, "study")
+
+
+def write_buffer_study(root: Path, seeds: int = 3, estimator: Path | None = None) -> Study:
+    """What becomes of buffer and networks at the switch; the first of its variants is better than the main runs."""
+    keys, variants = ("policy.buffer", "policy.reset"), {("relabel", "critics"): 190.0, ("empty", "none"): 120.0}
+    for values, reward in variants.items():
+        for seed in range(seeds):
+            name, settings = f"study-buffer-{'-'.join(values)}", dict(zip(keys, values, strict=True))
+            outcome = (reward + seed, 1.0)
+            write_run(root, name, degrees=10.0, seed=seed, outcome=outcome, settings=settings, estimator=estimator)
+    names = tuple(f"study-buffer-{'-'.join(values)}" for values in variants)
+    return Study("buffer", "What becomes of the old dense rewards?", keys, names, "study")
+
+
+def write_paper_study(root: Path, seeds: int = 3, logged_steps: int = 400, final_steps: int = 2) -> None:
     """The paper's matrix: reach at 0°, 5° and 10°, lift at 0°, four schemes; one run failed, one still runs."""
     estimator = write_estimator(root, dataset=write_dataset(root))
     settings = [("reach", 0.0), ("reach", 5.0), ("reach", 10.0), ("lift", 0.0)]
     for task, degrees in settings:
         for scheme in ("oracle", "dense2sparse", "dense", "sparse"):
             for seed in range(seeds):
-                write_run(
-                    root, "study", task, scheme, "orbit", degrees, seed, estimator=estimator, logged_steps=logged_steps
-                )
+                steps = {"logged_steps": logged_steps, "final_steps": final_steps}
+                write_run(root, "study", task, scheme, "orbit", degrees, seed, estimator=estimator, **steps)
     write_run(root, "study", "reach", "sparse", "orbit", 10.0, seeds, status="failed", final=False, episodes=60)
     write_run(
         root, "study", "lift", "dense2sparse", "orbit", 0.0, seeds, status="running", final=False, estimator=estimator

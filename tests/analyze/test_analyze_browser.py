@@ -11,7 +11,7 @@ from PIL import Image
 from schemas.progress import Silent
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.run import run
-from tests.analyze.fake_study import write_estimator, write_run
+from tests.analyze.fake_study import write_estimator, write_run, write_switch_study
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH")
@@ -23,10 +23,11 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     estimator = write_estimator(root)
     for scheme in ("dense2sparse", "sparse"):
         for degrees in (0.0, 10.0):
-            write_run(root, scheme=scheme, degrees=degrees, estimator=estimator)
+            write_run(root, "study", scheme=scheme, degrees=degrees, estimator=estimator, final_steps=2)
     (root / "out").mkdir()
     config = AnalyzeConfig(bootstrap_samples=100)
-    run(config, root, [], [], root / "out", record_episode=None, progress=Silent())
+    studies = [write_switch_study(root, seeds=2)]
+    run(config, root, [], [], root / "out", studies=studies, record_episode=None, progress=Silent())
     return root / "out" / "report.html"
 
 
@@ -42,7 +43,7 @@ def browse(report: Path, profile: Path, *options: str) -> str:
 
 def test_every_chart_is_drawn(report: Path, tmp_path: Path) -> None:
     page = browse(report, tmp_path, "--dump-dom")
-    assert page.count('data-chart="') == 2 + 2 + 2 + 1
+    assert page.count('data-chart="') == 2 + 2 + 2 + 1 + 2 * 2 + 1  # regions of dense2sparse, a study
     assert page.count('class="marks"') == page.count('data-chart="')
     assert page.count("cannot be drawn") == 1  # in the script itself
 
@@ -52,7 +53,7 @@ def test_colours_follow_the_reader_and_series_keep_theirs(
     report: Path, tmp_path: Path, scheme: str, page: tuple[int, int, int]
 ) -> None:
     picture = tmp_path / "page.png"
-    options = (f"--blink-settings=preferredColorScheme={scheme}", "--window-size=500,7000", f"--screenshot={picture}")
+    options = (f"--blink-settings=preferredColorScheme={scheme}", "--window-size=500,16000", f"--screenshot={picture}")
     browse(report, tmp_path / "profile", *options)
     pixels = np.asarray(Image.open(picture).convert("RGB"))
     assert tuple(pixels[0, 0]) == page

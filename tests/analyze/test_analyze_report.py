@@ -8,7 +8,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 from rerun.chunk import RrdReader
 
 from schemas.errors import ArtifactError, MachineError
@@ -37,7 +39,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[st
     estimator = write_estimator(root, dataset=write_dataset(root))
     for scheme, outcomes in OUTCOMES.items():
         for seed, outcome in enumerate(outcomes):
-            write_run(root, "main", "reach", scheme, seed=seed, estimator=estimator, outcome=outcome)
+            write_run(root, "main", "reach", scheme, seed=seed, estimator=estimator, outcome=outcome, final_steps=2)
     write_run(root, "main", "reach", "dense", seed=2, status="failed", final=False, outcome=(1.0, 0.0))
     write_run(root, "main", "lift", "sparse", seed=0, final=False, outcome=(33.0, 0.2))
     young = root / "runs" / "main" / "reach-oracle-orbit00-seed0"
@@ -117,11 +119,14 @@ def test_tables_beside_the_report(study: tuple[Path, Path, dict[str, Any]]) -> N
 def test_every_question_answers_the_same_when_asked_again(study: tuple[Path, Path, dict[str, Any]]) -> None:
     root, report, _ = study
     questions = sorted((report / "tables").glob("*.sql"))
-    assert len(questions) == 9
+    assert len(questions) == 14
     for question in questions:
         stream = io.StringIO()
         run_sql(root, question.read_text(), "csv", None, stream)
         again = list(csv.reader(io.StringIO(stream.getvalue())))
+        if question.stem == "region-correlation":  # no oracle to lose against
+            assert (len(again), question.with_suffix(".csv").read_text().strip()) == (1, "")
+            continue
         assert len(again) > 1
         for line, expected in zip(again, csv.reader(question.with_suffix(".csv").open()), strict=True):
             assert [_value(cell) for cell in line] == pytest.approx([_value(cell) for cell in expected]), question.name
@@ -169,18 +174,19 @@ def test_charts_are_data_for_every_panel(study: tuple[Path, Path, dict[str, Any]
     charts = json.loads(page.scripts[0])
     assert set(charts["themes"]) == {"light", "dark"}
     assert {name: len(panels) for name, panels in charts["figures"].items()} == {
-        "estimator-epochs": 1,
+        "fig1-estimator": 1,
         "estimator-misalignment": 1,
-        "learning-curves-reach": 1,
-        "learning-curves-lift": 1,
-        "success-reach": 1,
-        "success-lift": 1,
+        "fig4-reach-curves": 1,
+        "fig5-lift-curves": 1,
+        "fig4-reach-success": 1,
+        "fig5-lift-success": 1,
         "reward-error": 2,
+        "regions-reach": 4,  # two schemes by two quantities: without an oracle nothing is known to be lost
     }
     for name in charts["figures"]:
         assert (report / "figures" / f"{name}.svg").read_text().startswith("<svg")
         assert (report / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-    assert "dense2sparse" in (report / "figures" / "learning-curves-reach.svg").read_text()
+    assert "dense2sparse" in (report / "figures" / "fig4-reach-curves.svg").read_text()
 
 
 def test_best_and_worst_episodes_are_recorded(study: tuple[Path, Path, dict[str, Any]]) -> None:
@@ -240,7 +246,7 @@ def test_studies_of_several_names_are_kept_apart(tmp_path: Path) -> None:
     summary = analyse(tmp_path / "data", tmp_path / "out", ["keep", "relabel"])
     assert [(row["name"], row["return_mean"]) for row in summary["results"]] == [("keep", 100.0), ("relabel", 120.0)]
     charts = json.loads(Page((tmp_path / "out" / "report.html").read_text()).scripts[0])
-    assert len(charts["figures"]["learning-curves-reach"]) == 2
+    assert len(charts["figures"]["fig4-reach-curves"]) == 2
 
 
 def test_only_what_was_chosen_is_analysed_with_its_estimator(tmp_path: Path) -> None:
@@ -274,11 +280,16 @@ def test_camera_pictures_are_shown_when_there(tmp_path: Path) -> None:
     write_run(tmp_path / "data")
     figures = tmp_path / "out" / "figures"
     figures.mkdir(parents=True)
-    (figures / "camera-orbit 5°.png").write_bytes(b"\x89PNG")
+    for number, title in enumerate(("orbit 5°", "0°")):
+        Image.new("RGB", (32, 32), (90 * number, 20, 160)).save(figures / f"camera-{title}.png")
     run(CONFIG, tmp_path / "data", [], [], tmp_path / "out", record_episode=None, progress=Silent())
     html = (tmp_path / "out" / "report.html").read_text()
-    assert "data:image/png;base64,iVBORw==" in html
-    assert "<h4>orbit 5°</h4>" in html
+    assert html.count('src="data:image/png;base64,iVBORw') == 2
+    assert html.index("<h4>0°</h4>") < html.index("<h4>orbit 5°</h4>")
+    drawn = (figures / "fig3-cameras.svg").read_text()
+    assert drawn.count("data:image/png;base64,iVBORw") == 2
+    pixels = np.asarray(Image.open(figures / "fig3-cameras.png").convert("RGB")).reshape(-1, 3)
+    assert {(0, 20, 160), (90, 20, 160), (255, 255, 255)} <= set(map(tuple, pixels.tolist()))
 
 
 def test_unknown_names_and_nothing_to_analyse(tmp_path: Path) -> None:

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.analyze.statistics import bootstrap_interval, distinct_resamples, interquartile_mean, summarise
+from stages.analyze.statistics import (
+    bootstrap_interval,
+    distinct_resamples,
+    interquartile_mean,
+    paired_interval,
+    summarise,
+)
 
 values = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=30).map(np.array)
 
@@ -72,3 +78,11 @@ def test_summary_of_nothing_is_nothing() -> None:
 
 def test_three_seeds_have_ten_distinct_resamples() -> None:
     assert [distinct_resamples(n) for n in (1, 2, 3, 4)] == [1, 3, 10, 35]
+
+
+def test_paired_interval_draws_both_sides_by_the_same_seeds() -> None:
+    """Unpaired, differences of −100 to +102 would be drawn; paired there is only the one."""
+    a, b = np.array([1.0, 102.0]), np.array([0.0, 101.0])
+    assert paired_interval(a, b, np.random.default_rng(0), 500, 0.95, np.subtract) == (1.0, 1.0)
+    low, high = paired_interval(a, np.array([1.0, 51.0]), np.random.default_rng(0), 500, 0.95, np.divide)
+    assert (low, high) == (1.0, 2.0)  # 1 / 1 and 102 / 51 at the ends

@@ -9,6 +9,7 @@ from click.testing import Result
 
 from pipeline.artifacts.store import Build, Request, Store
 from schemas.errors import MachineError
+from stages.analyze.evidence import PARTS
 from stages.policy.config import RunResult, RunSpec
 
 Run = Callable[..., Result]
@@ -68,7 +69,12 @@ class Stages:
 
     def analyze(self, config: Any, data_root: Path, runs: list[str], estimators: list[str], out: Path, **options: Any):
         self.called("analyze", config=config, runs=runs, estimators=estimators, **options)
-        (out / "figures").mkdir(exist_ok=True)
+        for part in PARTS:
+            if "." in part:
+                (out / part).write_text(part)
+            else:
+                (out / part).mkdir(exist_ok=True)
+                (out / part / f"of-{len(runs)}-runs").write_text(part)
         (out / "report.html").write_text("<html>")
         (out / "comparison.rrd").write_bytes(b"rrd")
         return {"runs": len(runs)}

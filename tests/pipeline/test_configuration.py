@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.config import PipelineConfig, apply_override, load_config, profiles
+from pipeline.config import PipelineConfig, load_config, profiles
 from pipeline.matrix import cell_name, cells
+from pipeline.overrides import apply_override
 from schemas.errors import ConfigError
 
 
@@ -63,7 +64,8 @@ def test_any_other_text_is_a_config_error_or_a_value(text: str) -> None:
 
 
 def test_unknown_section_lists_the_sections() -> None:
-    assert wrong("foo.bar=1") == "unknown section foo; valid: analyze, camera, collect, perception, policy, world"
+    sections = "analyze, camera, collect, perception, policy, studies, world"
+    assert wrong("foo.bar=1") == f"unknown section foo; valid: {sections}"
 
 
 def test_unknown_key_lists_the_keys_and_guesses() -> None:

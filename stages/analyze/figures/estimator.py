@@ -19,8 +19,8 @@ def estimator_epochs(rows: list[Row], sql: str) -> Figure:
         "Mean Euclidean error of the estimated cube position after each epoch, on the frames it is trained on and on "
         "validation episodes. The dotted line is the paper's error after 500 epochs."
     )
-    id = "estimator-epochs"
-    return Figure(id, "Estimator error by epoch", caption, tuple(panels), id, sql, rows)
+    title = "Estimator error by epoch"
+    return Figure("fig1-estimator", title, caption, tuple(panels), "estimator-epochs", sql, rows)
 
 
 def _epochs_panel(rows: list[Row]) -> Callable[[bool], Drawing]:

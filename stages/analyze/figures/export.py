@@ -1,17 +1,18 @@
 """Figures as files: SVG and PNG by vl-convert, which renders without a browser or a network."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import altair as alt
 import vl_convert
+from PIL import Image
 
 from schemas.files import write_bytes
 from stages.analyze.figures import theme
 from stages.analyze.figures.figure import Figure
 
 _PANEL = {"width": 270, "height": 210}  # pixels
-_COLUMNS = 3
 _PNG_SCALE = 2.0
 
 
@@ -23,7 +24,9 @@ def page_specification(figure: Figure) -> list[dict[str, Any]]:
 def file_specification(figure: Figure) -> dict[str, Any]:
     """All panels as one chart with titles and legend, on white."""
     panels = [panel.draw(False).properties(**_PANEL, title=panel.title) for panel in figure.panels]
-    chart = alt.concat(*panels, columns=_COLUMNS).properties(title=figure.title)
+    chart = alt.concat(*panels, columns=figure.columns).properties(title=figure.title)
+    if not figure.shared_colour:
+        chart = chart.resolve_scale(color="independent")
     return chart.to_dict() | {"config": theme.config(dark=False) | {"background": "#ffffff"}, "padding": 16}
 
 
@@ -32,6 +35,14 @@ def write(figure: Figure, directory: Path) -> None:
     specification = file_specification(figure)
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
     svg = vl_convert.vegalite_to_svg(specification, vl_version=version)
-    png = vl_convert.svg_to_png(svg, scale=_PNG_SCALE)
-    write_bytes(svg.encode(), directory / f"{figure.id}.svg")
-    write_bytes(png, directory / f"{figure.id}.png")
+    write_both(svg, directory, figure.id)
+
+
+def write_both(svg: str, directory: Path, id: str) -> None:
+    """Write `directory`/ID.svg and the picture of it as ID.png, whose palette keeps it small enough to commit."""
+    write_bytes(svg.encode(), directory / f"{id}.svg")
+    stream = BytesIO()
+    with Image.open(BytesIO(vl_convert.svg_to_png(svg, scale=_PNG_SCALE))) as image:
+        palette = image.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        palette.save(stream, "PNG", optimize=True)
+    write_bytes(stream.getvalue(), directory / f"{id}.png")

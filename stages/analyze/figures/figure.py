@@ -31,6 +31,8 @@ class Figure:
     sql: str
     rows: list[Row]
     legend: bool = False  # schemes: one legend above all panels
+    columns: int = 3
+    shared_colour: bool = True  # one colour scale and legend for all panels of the still
 
 
 def by_setting(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:

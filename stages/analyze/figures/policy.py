@@ -10,6 +10,9 @@ from stages.analyze.figures import theme
 from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, setting, values
 from stages.analyze.results import SCHEMES, Row, misalignment
 
+_PAPER = {"reach": "fig4-reach", "lift": "fig5-lift"}
+"""Names of the figures that the paper has too, by task."""
+
 
 def learning_curves(task: str, rows: list[Row], switches: list[Row], sql: str) -> Figure:
     """Paper's Figs. 4 (a, c, e) and 5 (a): mean and standard deviation over seeds, one panel a misalignment."""
@@ -23,7 +26,7 @@ def learning_curves(task: str, rows: list[Row], switches: list[Row], sql: str) -
         "Episode reward (dense, from the true state, whatever the run trains on) of evaluations without exploration "
         "noise. Line: mean over seeds; band: one standard deviation; vertical line: the switch of dense2sparse."
     )
-    id, title = f"learning-curves-{task}", f"{task.capitalize()}: episode reward while training"
+    id, title = f"{_PAPER.get(task, task)}-curves", f"{task.capitalize()}: episode reward while training"
     return Figure(id, title, caption, tuple(panels), "learning-curves", sql, rows, legend=True)
 
 
@@ -82,7 +85,7 @@ def success(task: str, rows: list[Row], sql: str) -> Figure:
         "Share of episodes that succeed: in the final evaluation, or in the last one made where a run has no final "
         "evaluation yet. Bar: mean over seeds; line: one standard deviation; points: the seeds."
     )
-    id, title = f"success-{task}", f"{task.capitalize()}: success of the trained policies"
+    id, title = f"{_PAPER.get(task, task)}-success", f"{task.capitalize()}: success of the trained policies"
     return Figure(id, title, caption, tuple(panels), "outcomes", sql, rows, legend=True)
 
 

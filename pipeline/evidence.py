@@ -1,0 +1,88 @@
+"""The part of a report that is kept with the source: copied to a directory outside the data root."""
+
+import os
+from pathlib import Path
+
+from schemas.errors import ArtifactError, ConfigError, MachineError
+from schemas.files import write_bytes
+
+MARK = "provenance.json"
+"""The part by which an earlier evidence is known; copied first."""
+
+
+def parts() -> tuple[str, ...]:
+    """Files and directories of a report that are copied."""
+    from stages.analyze.evidence import PARTS
+
+    return PARTS
+
+
+def check_directory(directory: Path | None, data: Path) -> None:
+    """Refuse, before any work, a directory that the evidence could not be copied to; None: none is asked for.
+
+    Raises:
+        ConfigError: it overlaps the data root, is no directory, or holds files of the same names that are no evidence.
+        MachineError: it cannot be written to.
+    """
+    if directory is None:
+        return
+    target, root = directory.resolve(), data.resolve()
+    if target.is_relative_to(root) or root.is_relative_to(target):
+        where = "inside" if target.is_relative_to(root) else "around"
+        raise ConfigError(f"--evidence {directory} lies {where} the data root {data}: choose a directory beside it")
+    there = next(path for path in (target, *target.parents) if path.exists())
+    if not there.is_dir():
+        raise ConfigError(f"--evidence {directory}: {there} is no directory")
+    foreign = [part for part in parts() if (target / part).exists()]
+    if foreign and not (target / MARK).exists():
+        raise ConfigError(
+            f"--evidence {directory}: its {foreign[0]} is of no earlier evidence, which would have a {MARK}: "
+            "choose another directory"
+        )
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise MachineError(_unwritable(directory, "permission denied"))
+
+
+def planned_copy(directory: Path | None) -> list[dict[str, str]]:
+    """For `--dry-run`."""
+    return [{"id": str(directory), "plan": "copy the report's evidence"}] if directory else []
+
+
+def copy_evidence(report: Path, directory: Path | None) -> None:
+    """Copy PARTS of a report's artifact, each file whole or not at all; what else an earlier evidence had is removed.
+
+    Raises:
+        ArtifactError: the report has no such parts, for an older version made it.
+        MachineError: the directory cannot be written to.
+    """
+    if directory is None:
+        return
+    if missing := [part for part in parts() if not (report / part).exists()]:
+        raise ArtifactError(f"{report} has no {missing[0]}, for an older version made it: remove it and make it again")
+    try:
+        for part in sorted(parts(), key=lambda part: part != MARK):
+            _copy(report / part, directory / part)
+    except PermissionError as error:
+        raise MachineError(_unwritable(directory, str(error.strerror).lower())) from error
+
+
+def _copy(source: Path, target: Path) -> None:
+    files = _files(source) if source.is_dir() else {Path()}
+    for file in sorted(files):
+        (target / file).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes((source / file).read_bytes(), target / file)
+    if source.is_dir():
+        for stale in _files(target) - files:
+            (target / stale).unlink()
+        for directory in sorted(target.rglob("*/"), reverse=True):
+            if not any(directory.iterdir()):
+                directory.rmdir()
+
+
+def _files(directory: Path) -> set[Path]:
+    """Files below a directory, hidden ones too, relative to it."""
+    return {path.relative_to(directory) for path in directory.rglob("*") if path.is_file() or path.is_symlink()}
+
+
+def _unwritable(directory: Path, reason: str) -> str:
+    return f"--evidence {directory} cannot be written to ({reason}): choose another directory"

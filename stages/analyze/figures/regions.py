@@ -1,0 +1,102 @@
+"""Where on the table the estimate is wrong, what that does to the reward, and what it costs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import altair as alt
+
+from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, values
+from stages.analyze.results import SCHEMES, Row
+
+_SHOWN = ("dense2sparse", "dense")
+"""Schemes that act on estimates and are trained by rewards from them."""
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    column: str
+    title: str
+    unit: str
+    format: str
+    scale: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """With its unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+
+_QUANTITIES = (
+    _Quantity("estimation_error", "estimation error", "cm", ".1f", 100.0),
+    _Quantity("reward_error", "|reward error| per step", "", ".3f"),
+    _Quantity("lost_return", "lost return", "", ".0f"),
+)
+
+
+def regions(task: str, rows: list[Row], sql: str) -> Figure | None:
+    """Maps of the table, one row a misalignment and scheme; None where no scheme that learns from estimates ran."""
+    shown = [row for row in rows if row["scheme"] in _SHOWN]
+    quantities = [each for each in _QUANTITIES if any(row[each.column] is not None for row in shown)]
+    if not shown or not quantities:
+        return None
+    panels = []
+    for title, part in by_setting(shown):
+        for scheme in (scheme for scheme in SCHEMES if any(row["scheme"] == scheme for row in part)):
+            mine = [row for row in part if row["scheme"] == scheme]
+            panels += [Panel(f"{title} · {scheme}: {each.label}", _map(mine, each, shown)) for each in quantities]
+    caption = (
+        "Final episodes by where the cube starts; the table is seen from above, the robot stands on its left (−x). "
+        "Columns: mean error of the estimate; mean absolute error of the dense reward; return lost against the oracle "
+        "that starts from the same state. One colour scale a column."
+    )
+    title = f"{task.capitalize()}: error and loss by region of the table"
+    id, columns = f"regions-{task}", len(quantities)
+    return Figure(id, title, caption, tuple(panels), "regions", sql, rows, columns=columns, shared_colour=False)
+
+
+def _map(rows: list[Row], quantity: _Quantity, every: Sequence[Row]) -> Callable[[bool], Drawing]:
+    known = [quantity.scale * row[quantity.column] for row in every if row[quantity.column] is not None]
+    domain = [min(0.0, *known), max(known)]
+
+    def draw(page: bool) -> Drawing:
+        del page
+        data = values(
+            rows,
+            value=lambda row: None if row[quantity.column] is None else quantity.scale * row[quantity.column],
+            left=lambda row: centimetres(row["x"] - row["width"] / 2),
+            right=lambda row: centimetres(row["x"] + row["width"] / 2),
+            bottom=lambda row: centimetres(row["y"] - row["width"] / 2),
+            top=lambda row: centimetres(row["y"] + row["width"] / 2),
+        )
+        colour = alt.Color(
+            "value:Q",
+            scale=alt.Scale(scheme="viridis", domain=domain, nice=False),
+            legend=alt.Legend(title=quantity.unit or None, orient="right", gradientLength=120),
+        )
+        axis = alt.Axis(tickCount=4, labelFlush=False, grid=False)
+        edges = [centimetres(edge) for edge in _edges(every)]
+        tooltip = [
+            alt.Tooltip("value:Q", format=quantity.format, title=quantity.label),
+            alt.Tooltip("episodes:Q", format=","),
+        ]
+        cells = (
+            alt.Chart(data)
+            .mark_rect(stroke="white", strokeWidth=0.5)
+            .encode(
+                x=alt.X("left:Q", title="x [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False)),
+                x2="right:Q",
+                y=alt.Y("bottom:Q", title="y [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False)),
+                y2="top:Q",
+                color=colour,
+                tooltip=tooltip,
+            )
+        )
+        return alt.layer(cells)
+
+    return draw
+
+
+def _edges(rows: Sequence[Row]) -> tuple[float, float]:
+    """Of the part of the table where the cube starts [m]; it is square, around the table's centre."""
+    half = 2.5 * max(row["width"] for row in rows)
+    return -half, half
