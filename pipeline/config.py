@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.artifacts.names import check_name
 from pipeline.config_errors import describe
-from pipeline.matrix import cells
+from pipeline.matrix import Cell, cells
 from pipeline.overrides import apply_override, put
 from pipeline.studies import StudyConfig, changes, check_heard
 from schemas.config import Config
@@ -78,10 +78,13 @@ def resolve(values: dict[str, Any]) -> PipelineConfig:
 def variants(config: PipelineConfig, name: str) -> list[Variant]:
     """The matrices of one study: the configuration itself, with what the study changes laid over it.
 
+    A combination whose runs the main matrix has already is left out: its cells are the study's reference.
+
     Raises:
-        ConfigError: a change that is no valid configuration, that some task would not hear of, or that changes nothing.
+        ConfigError: a change that is no valid configuration, or that some task would not hear of.
     """
     made = []
+    main = _learning(config.world, cells(config.policy))
     for change in changes(name, config.studies[name]):
         values = config.model_dump(exclude={"studies"}, exclude_unset=True)
         try:
@@ -92,12 +95,21 @@ def variants(config: PipelineConfig, name: str) -> list[Variant]:
             check_heard(change.values, resolved.policy.model_dump(include=set(TASKS)), resolved.policy.tasks)
         except ConfigError as error:
             raise ConfigError(f"studies.{name}: {error}") from error
-        made.append((Variant(name, change.suffix, resolved), (resolved.world, matrix)))
+        if not set(_learning(resolved.world, matrix)) <= set(main):
+            made.append((Variant(name, change.suffix, resolved), (resolved.world, matrix)))
     for index, (variant, what) in enumerate(made):
         for other, same in made[:index]:
             if what == same:
                 raise ConfigError(f"studies.{name}: {other.suffix} and {variant.suffix} are the same runs")
+    if not made:
+        raise ConfigError(f"studies.{name}: the matrix of [policy] has all of its runs already: vary something else")
     return [variant for variant, _ in made]
+
+
+def _learning(world: WorldConfig, matrix: Sequence[Cell]) -> list[tuple[str, str]]:
+    """What decides how each cell learns: all but the number of its final episodes."""
+    without = [cell.config.model_copy(update={"final_episodes": 0}) for cell in matrix]
+    return [(cell.name, f"{world!r} {config!r}") for cell, config in zip(matrix, without, strict=True)]
 
 
 def _check_studies(config: PipelineConfig) -> None:

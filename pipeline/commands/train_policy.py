@@ -39,7 +39,7 @@ def train_policy(options: StageOptions, estimator: str | None) -> None:
         asked = step.requests(work, options.artifact_name, source)
         show_plan(options, "train-policy", [planned(work, request) for _, request in asked])
         return
-    outcomes = step.train_policy(work, options.artifact_name, source)
+    outcomes = step.train_policy([step.Matrix(work, options.artifact_name)], source)
     show_cells(options, "train-policy", outcomes)
     if message := failure_message(outcomes):
         raise MachineError(message)

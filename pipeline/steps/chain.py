@@ -10,13 +10,12 @@ from typing import Any
 from pipeline.artifacts.store import Request
 from pipeline.matrix import cells
 from pipeline.steps import analyze, collect, perception, policy, studies
+from pipeline.steps.policy import Matrix
 from pipeline.steps.session import Outcome, Session, planned
 from pipeline.steps.studies import LeftOut
 from schemas.errors import ArtifactError
 
 Announce = Callable[[int, int, str, str], None]
-Matrix = tuple[Session, str]
-"""What one matrix of runs is trained with, and its NAME."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Done:
 
 @dataclass
 class Chain:
-    """What the stages did, in order; train-policy once for each matrix."""
+    """What the stages did, in order; train-policy once for the matrix and once for all studies."""
 
     steps: list[Done] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
@@ -73,7 +72,8 @@ def run_chain(session: Session, name: str, asked: Sequence[str] = (), announce: 
     """
     chain = Chain()
     matrices = _matrices(session, name, asked)
-    total = 3 + len(matrices)
+    beside = matrices[1:]
+    total = 5 if beside else 4
 
     def step(stage: str, artifact: str, work: Callable[[], list[Outcome]]) -> None:
         if announce:
@@ -85,15 +85,16 @@ def run_chain(session: Session, name: str, asked: Sequence[str] = (), announce: 
     step("collect", f"datasets/{name}", lambda: [collect.collect(session, name)])
     step("train-perception", f"estimators/{name}", lambda: [perception.train_perception(session, name, name)])
     _check(matrices, name)
-    for its, run in matrices:
-        step("train-policy", f"runs/{run}", partial(policy.train_policy, its, run, name))
+    step("train-policy", f"runs/{name}", lambda: policy.train_policy(matrices[:1], name))
+    if beside:
+        step("train-policy", f"runs/{name}-*", lambda: policy.train_policy(beside, name))
     step("analyze", f"reports/{name}", lambda: [_analyze(session, name, chain)])
     return chain
 
 
 def _matrices(session: Session, name: str, asked: Sequence[str]) -> list[Matrix]:
     """The main matrix, then every variant of the studies asked for."""
-    return [(session, name), *studies.sessions(session, name, studies.chosen(session.config, asked))]
+    return [Matrix(session, name), *studies.matrices(session, name, studies.chosen(session.config, asked))]
 
 
 def _check(matrices: Sequence[Matrix], estimator: str) -> None:

@@ -19,11 +19,23 @@ BYTES_PER_STEP = 400
 """A row of transitions.parquet, compressed."""
 
 
+class Matrix(NamedTuple):
+    """One matrix of runs: what it is trained with, and its NAME."""
+
+    session: Session
+    name: str
+
+
 class Work(NamedTuple):
     """A cell that is to be trained now."""
 
+    matrix: Matrix
     cell: Cell
     build: Build
+
+    @property
+    def run_id(self) -> str:
+        return f"{self.matrix.name}/{self.cell.name}"
 
 
 def estimator_needed(session: Session) -> bool:
@@ -50,9 +62,9 @@ def _request(session: Session, name: str, cell: Cell, estimator: str | None, inp
     return Request(f"runs/{name}/{cell.name}", config, inputs)
 
 
-def space_needed(work: Sequence[Work], horizon: int) -> int:
+def space_needed(work: Sequence[Work]) -> int:
     """Estimate [bytes] of the logs of the cells to train."""
-    return sum(BYTES_PER_STEP * horizon * _episodes(item.cell) for item in work)
+    return sum(BYTES_PER_STEP * item.matrix.session.config.world.horizon * _episodes(item.cell) for item in work)
 
 
 def _episodes(cell: Cell) -> int:
@@ -69,39 +81,40 @@ def check(session: Session, name: str, estimator: str | None) -> list[tuple[Cell
     return asked
 
 
-def train_policy(session: Session, name: str, estimator: str | None) -> list[Outcome]:
-    """Train the cells that are not complete; a cell that fails does not stop the others."""
-    asked = check(session, name, estimator)
+def train_policy(matrices: Sequence[Matrix], estimator: str | None) -> list[Outcome]:
+    """Train the cells that are not complete, all together; a cell that fails does not stop the others."""
+    asked = [(matrix, cell, request) for matrix in matrices for cell, request in check(*matrix, estimator)]
     outcomes: dict[str, Outcome] = {}
     with ExitStack() as stack:
         work: list[Work] = []
-        for cell, request in asked:
+        for matrix, cell, request in asked:
+            session = matrix.session
             begun = session.store.begin(request, session.resume)
             if isinstance(begun, Manifest):
                 outcomes[request.id] = _outcome(session, request.id, "nothing", begun, 0.0)
             else:
-                work.append(Work(cell, stack.enter_context(begun)))
+                work.append(Work(matrix, cell, stack.enter_context(begun)))
         if work:
-            outcomes |= _train(session, name, work, estimator)
-    return [outcomes[request.id] for _, request in asked]
+            outcomes |= _train(matrices[0].session, work, estimator)
+    return [outcomes[request.id] for *_, request in asked]
 
 
-def _train(session: Session, name: str, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
+def _train(session: Session, work: list[Work], estimator: str | None) -> dict[str, Outcome]:
     _prepare(session, work, estimator is not None)
     from stages.policy.resources import Resources
     from stages.policy.train import run  # loads MuJoCo, which must not fail before the checks say why
 
     started = time.monotonic()
     matrix = session.config.policy
-    items = {f"{name}/{item.cell.name}": item for item in work}
+    items = {item.run_id: item for item in work}
     done: dict[str, Outcome] = {}
 
     def finished(result: "RunResult") -> None:
-        outcome = _finish(session, items[result.run_id], result, time.monotonic() - started)
+        outcome = _finish(items[result.run_id], result, time.monotonic() - started)
         done[outcome.id] = outcome
 
     run(
-        [_spec(session, name, item) for item in work],
+        [_spec(item) for item in work],
         session.store.path(f"estimators/{estimator}") if estimator else None,
         resources=Resources(matrix.device, matrix.processes, matrix.workers, matrix.threads),
         finished=finished,
@@ -113,7 +126,7 @@ def _train(session: Session, name: str, work: list[Work], estimator: str | None)
 def _prepare(session: Session, work: list[Work], renders: bool) -> None:
     """Check GPU, GL and disk before hours of work."""
     require_device(session.config.policy.device)
-    require_space(session.root, space_needed(work, session.config.world.horizon))
+    require_space(session.root, space_needed(work))
     require_sim()
     if renders:
         renderer = require_gl()
@@ -121,25 +134,26 @@ def _prepare(session: Session, work: list[Work], renders: bool) -> None:
             item.build.note_renderer(renderer)
 
 
-def _spec(session: Session, name: str, item: Work) -> "RunSpec":
+def _spec(item: Work) -> "RunSpec":
     from stages.policy.config import RunSpec
 
     cell = item.cell
     return RunSpec(
-        run_id=f"{name}/{cell.name}",
+        run_id=item.run_id,
         task=cell.task,
         scheme=cell.scheme,
         misalignment_kind=cell.misalignment_kind,
         misalignment_deg=cell.misalignment_deg,
         seed=cell.seed,
-        world=session.config.world,
+        world=item.matrix.session.config.world,
         config=cell.config,
         out=item.build.path,
     )
 
 
-def _finish(session: Session, item: Work, result: "RunResult", seconds: float) -> Outcome:
+def _finish(item: Work, result: "RunResult", seconds: float) -> Outcome:
     """Close the cell's manifest by how its run ended."""
+    session = item.matrix.session
     if result.status == "failed":
         manifest = item.build.fail(result.error or "no reason given", result.summary)
         return _outcome(session, manifest.id, "failed", manifest, seconds)

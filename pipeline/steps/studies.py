@@ -9,6 +9,7 @@ from pipeline.artifacts.inputs import load
 from pipeline.artifacts.names import existing_ids
 from pipeline.config import TASKS, PipelineConfig, Variant, variants
 from pipeline.matrix import cells
+from pipeline.steps.policy import Matrix
 from pipeline.steps.session import Session
 from pipeline.studies import ALL, logged_keys
 from schemas.errors import ConfigError, unknown_choice
@@ -48,9 +49,9 @@ def chosen(config: PipelineConfig, names: Sequence[str]) -> list[Variant]:
     return [v for study in config.studies if {study, ALL} & set(names) for v in variants(config, study)]
 
 
-def sessions(session: Session, base: str, of: Sequence[Variant]) -> list[tuple[Session, str]]:
-    """Each variant's own session and the NAME of its runs."""
-    return [(replace(session, config=variant.config), variant.run(base)) for variant in of]
+def matrices(session: Session, base: str, of: Sequence[Variant]) -> list[Matrix]:
+    """The matrix of each variant, with its own configuration."""
+    return [Matrix(replace(session, config=variant.config), variant.run(base)) for variant in of]
 
 
 @dataclass(frozen=True)

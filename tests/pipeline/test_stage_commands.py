@@ -1,6 +1,7 @@
 """Each stage's command over a fake stage: what it asks of the stage, and what becomes an artifact."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -8,8 +9,10 @@ import pytest
 from pipeline.artifacts.inputs import load_complete
 from pipeline.artifacts.manifests import read_manifest
 from pipeline.artifacts.store import Build, Store
+from pipeline.config import load_config
 from pipeline.matrix import cells
 from pipeline.steps import policy
+from pipeline.steps.session import Session
 from stages.policy.config import MatrixConfig
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
@@ -225,8 +228,9 @@ def test_an_estimator_of_another_robot_is_refused(run: Run, stages: Stages, data
 
 def test_episodes_of_a_run_count_every_evaluation() -> None:
     [cell] = cells(MatrixConfig(schemes=("dense",), episodes=50, eval_every=20, eval_episodes=5, final_episodes=7))
-    work = policy.Work(cell, cast(Build, None))
-    assert policy.space_needed([work, work], horizon=10) == 2 * policy.BYTES_PER_STEP * 10 * (50 + 2 * 5 + 7)
+    session = cast(Session, SimpleNamespace(config=load_config(overrides=["world.horizon=10"])))
+    work = policy.Work(policy.Matrix(session, "x"), cell, cast(Build, None))
+    assert policy.space_needed([work, work]) == 2 * policy.BYTES_PER_STEP * 10 * (50 + 2 * 5 + 7)
 
 
 def test_a_report_follows_its_inputs(run: Run, stages: Stages) -> None:
