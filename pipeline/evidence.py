@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+from pipeline.artifacts.space import is_disk_full
 from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.files import write_bytes
 
@@ -62,7 +63,9 @@ def copy_evidence(report: Path, directory: Path | None) -> None:
     try:
         for part in sorted(parts(), key=lambda part: part != MARK):
             _copy(report / part, directory / part)
-    except PermissionError as error:
+    except OSError as error:
+        if is_disk_full(error):
+            raise  # has a message of its own
         raise MachineError(_unwritable(directory, str(error.strerror).lower())) from error
 
 

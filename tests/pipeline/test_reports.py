@@ -1,5 +1,6 @@
 """Reports on a matrix that is only partly finished, and the copy of a report that is kept as evidence."""
 
+import errno
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,7 @@ def test_of_a_name_the_finished_runs_count(run: Run, stages: Stages, store: Stor
     assert stages.options["analyze"]["runs"] == [ORACLE.removeprefix("runs/")]
     assert made["left_out"] == [{"id": "runs/default", "unfinished": 1, "of": 2, "left_out": 1}]
     assert made["summary"]["runs_left_out"] == 1
+    assert stages.options["analyze"]["left_out"] == {"default": 1}
     assert [ref.id for ref in load_complete(store.root, "reports/default").inputs] == [ORACLE, "estimators/default"]
 
 
@@ -127,17 +129,18 @@ def test_evidence_where_nobody_may_write(
     refused(run("analyze", "--evidence", evidence), 4, f"{evidence} cannot be written to (permission denied)")
 
 
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EROFS, errno.EISDIR])
 def test_a_copy_that_fails_leaves_whole_files(
-    run: Run, stages: Stages, evidence: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, stages: Stages, evidence: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     prepare(run, "collect", "train-perception")
     answer(run("analyze", "--evidence", evidence, "--json"))
 
     def refuse(data: bytes, path: Path) -> None:
-        raise PermissionError(13, "Permission denied", str(path))
+        raise OSError(number, os.strerror(number), str(path))
 
     monkeypatch.setattr("pipeline.evidence.write_bytes", refuse)
-    refused(run("analyze", "--evidence", evidence), 4, f"{evidence} cannot be written to (permission denied)")
+    refused(run("analyze", "--evidence", evidence), 4, f"cannot be written to ({os.strerror(number).lower()})")
     assert (evidence / "README.md").read_text() == "README.md"
 
 
