@@ -7,9 +7,8 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, field_validator
 
-from pipeline.artifacts.manifests import flatten
 from pipeline.overrides import is_dotted
-from schemas.config import Config
+from schemas.config import Config, flatten
 from schemas.errors import ConfigError
 
 ALL = "all"

@@ -8,6 +8,7 @@ from typing import Any
 
 import schemas.manifest
 from pipeline.artifacts.names import STAGE_OF
+from schemas.config import flatten
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
 from schemas.manifest import MANIFEST, FileRef, Manifest
@@ -61,15 +62,6 @@ def config_sha256(config: dict[str, Any]) -> str:
     """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
     identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
     return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-
-
-def flatten(config: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Leaves of a nested configuration as (section.key, value)."""
-    for key, value in config.items():
-        if isinstance(value, dict) and value:
-            yield from flatten(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:

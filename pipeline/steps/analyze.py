@@ -54,7 +54,9 @@ def subject(session: Session, runs: Sequence[str], estimators: Sequence[str], ba
         left_out += unfinished
     named = [f"estimators/{name.removeprefix('estimators/')}" for name in estimators]
     cells = list(dict.fromkeys(cells))
-    return Subject(cells, list(dict.fromkeys([*named, *_used(root, [*cells, *told.runs])])), told, [*left_out, *told.left_out])
+    return Subject(
+        cells, list(dict.fromkeys([*named, *_used(root, [*cells, *told.runs])])), told, [*left_out, *told.left_out]
+    )
 
 
 def _used(root: Path, cells: Sequence[str]) -> list[str]:
@@ -115,7 +117,7 @@ def analyze(session: Session, name: str, subject: Subject) -> Outcome:
             [each.removeprefix("estimators/") for each in subject.estimators],
             build.path,
             studies=subject.studies.studies,
-            left_out={each.id.removeprefix("runs/"): each.left_out for each in subject.left_out},
+            left_out={each.id.removeprefix("runs/"): each.unfinished for each in subject.left_out},
             record_episode=record_episode(session.root),
             progress=session.progress,
         )

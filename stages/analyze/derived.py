@@ -3,12 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from stages.analyze import results, studies, verdicts
-from stages.analyze.claims import CLAIMS, TARGETS
+from stages.analyze import best as best_of
+from stages.analyze import comparisons, results, studies, verdicts
+from stages.analyze.comparisons import Comparison, Switch
 from stages.analyze.config import AnalyzeConfig
+from stages.analyze.deviations import deviations
+from stages.analyze.findings import findings
 from stages.analyze.paper import PaperResult
-from stages.analyze.results import Answer, Comparison, Group, Row, Statistics, Switch
+from stages.analyze.paper_claims import CLAIMS
+from stages.analyze.results import Answer, Group, Row, rows_of
+from stages.analyze.statistics import Statistics
 from stages.analyze.studies import Study, Variant
+from stages.analyze.targets import TARGETS
 from stages.analyze.verdicts import Judged
 
 
@@ -24,11 +30,18 @@ class Derived:
     variants: list[Variant]
     best: list[tuple[Study, list[Variant]]]  # treatment at the switch, in every setting that it ran in
     study_sentences: dict[str, list[str]]  # by study
+    findings: list[str]  # dense2sparse against dense
+    deviations: list[str]  # from the paper's runs
 
     def best_beside(self, group: Group) -> list[Variant]:
         """The best treatment of dense2sparse in the setting of `group`, where a study has one."""
         mine = [variant for study, members in self.best if study.main == group.name for variant in members]
         return [variant for variant in mine if results.order(variant.group)[1:] == results.order(group)[1:]]
+
+    @property
+    def of_studies(self) -> list[Group]:
+        """The variants' groups, without the main runs beside them."""
+        return [variant.group for variant in self.variants if not variant.main]
 
     @property
     def tables(self) -> dict[str, list[Row]]:
@@ -45,13 +58,13 @@ class Derived:
 def derive(config: AnalyzeConfig, asked: Sequence[Study], answers: Mapping[str, Answer]) -> Derived:
     """The derived part of an analysis of `answers` with the studies `asked`."""
     statistics = Statistics(config)
-    main = [row for row in _rows(answers, "runs") if row["main"]]
-    groups = results.groups(main, _rows(answers, "outcomes"), _rows(answers, "learning-area"), statistics)
+    main = [row for row in rows_of(answers, "runs") if row["main"]]
+    groups = results.groups(main, rows_of(answers, "outcomes"), rows_of(answers, "learning-area"), statistics)
     errors = estimator_errors(answers)
-    variants = studies.variants(_rows(answers, "study-outcomes"), asked, statistics)
+    variants = studies.variants(rows_of(answers, "study-outcomes"), asked, statistics)
     claims = verdicts.judge(CLAIMS, groups, errors, statistics)
     targets = verdicts.judge(TARGETS, groups, errors, statistics)
-    best = studies.best_treatments(variants, asked)
+    best = best_of.best_treatments(variants, asked)
     for study, members in best:
         beside = [group for group in groups if group.name == study.main]
         label, chosen = f"{study.name}: {members[0].label}", [member.group for member in members]
@@ -60,35 +73,38 @@ def derive(config: AnalyzeConfig, asked: Sequence[Study], answers: Mapping[str, 
     confidence = f"{100 * config.confidence:g} %"
     return Derived(
         groups=groups,
-        switches=results.switches(_rows(answers, "switch-effect"), statistics),
-        comparisons=results.beside_paper(groups),
+        switches=comparisons.switches(rows_of(answers, "switch-effect"), statistics),
+        comparisons=comparisons.beside_paper(groups),
         claims=_in_order(claims),
         targets=_in_order(targets),
         variants=variants,
         best=best,
         study_sentences={
-            study.name: studies.sentences([v for v in variants if v.study == study.name], statistics, confidence)
+            study.name: best_of.sentences([v for v in variants if v.study == study.name], statistics, confidence)
             for study in asked
         },
+        findings=findings(groups, statistics, confidence),
+        deviations=deviations(main, _of_used(answers, "estimator-misalignment", errors)),
     )
 
 
 def estimator_errors(answers: Mapping[str, Answer]) -> dict[str, float]:
     """Mean error [m] on test episodes of the estimators that the main runs used; of all where none used any."""
-    used = {row["estimator"] for row in _rows(answers, "runs") if row["main"] and row["estimator"]}
-    rows = [row for row in _rows(answers, "estimators") if row["test_mean_error"] is not None]
+    used = {row["estimator"] for row in rows_of(answers, "runs") if row["main"] and row["estimator"]}
+    rows = [row for row in rows_of(answers, "estimators") if row["test_mean_error"] is not None]
     chosen = [row for row in rows if row["estimator"] in used] or rows
     return {row["estimator"]: row["test_mean_error"] for row in chosen}
+
+
+def _of_used(answers: Mapping[str, Answer], name: str, errors: Mapping[str, float]) -> list[Row]:
+    """The rows on the estimators that have `errors`: those that the main runs used."""
+    return [row for row in rows_of(answers, name) if row["estimator"] in errors]
 
 
 def _in_order(judged: list[Judged]) -> list[Judged]:
     """The verdict with the best variant right below the one it is beside."""
     ids = list(dict.fromkeys(each.claim.id for each in judged))
     return sorted(judged, key=lambda each: ids.index(each.claim.id))
-
-
-def _rows(answers: Mapping[str, Answer], name: str) -> list[Row]:
-    return answers[name].rows if name in answers else []
 
 
 def _paper_row(paper: PaperResult, ours: Group | None) -> Row:

@@ -3,9 +3,17 @@
 import math
 from typing import Any
 
+from stages.analyze.claims import Quantity
 from stages.analyze.results import misalignment
 from stages.analyze.statistics import Summary
 from stages.analyze.verdicts import Judged
+
+_UNITS: dict[Quantity, tuple[float, str, int]] = {  # scale, unit, digits
+    "return": (1.0, "", 1),
+    "success": (100.0, " %", 1),
+    "error": (100.0, " cm", 2),
+    "area": (1.0, "", 3),
+}
 
 
 def figure(value: float | None, digits: int = 1, scale: float = 1) -> str:
@@ -28,33 +36,60 @@ def interval(summary: Summary | None, digits: int = 1, scale: float = 1) -> str:
     return f"{figure(summary.low, digits, scale)} to {figure(summary.high, digits, scale)}"
 
 
+def iqm(summary: Summary | None, digits: int = 1, scale: float = 1) -> str:
+    """Interquartile mean with its interval."""
+    if summary is None:
+        return "–"
+    said = figure(summary.iqm, digits, scale)
+    if summary.iqm_low is None:
+        return said
+    return f"{said} ({figure(summary.iqm_low, digits, scale)} to {figure(summary.iqm_high, digits, scale)})"
+
+
+def compared(seeds: int, difference: float, low: float | None, high: float | None, confidence: str) -> str:
+    """A difference of means over the seeds that both sides have."""
+    if low is None or high is None:
+        return f"{signed(difference)} on the one seed in common, which says nothing about the spread"
+    return f"{signed(difference)} ({confidence} interval {signed(low)} to {signed(high)}, {seeds} seeds in common)"
+
+
 def quantity(value: float | None, judged: Judged) -> str:
-    """A number of a verdict: a rate in percent, an error in centimetres, a return as it is."""
-    scale, unit, digits = {"success": (100.0, " %", 1), "error": (100.0, " cm", 2)}.get(
-        judged.claim.quantity, (1.0, "", 1)
-    )
+    """A number of a verdict: a rate in percent, an error in centimetres, a return or a share as it is."""
+    scale, unit, digits = _UNITS[judged.claim.quantity]
     return "–" if value is None else figure(value, digits, scale) + unit
 
 
 def quantity_interval(judged: Judged) -> str:
     """Interval of our mean, in the units of `quantity`."""
-    return interval(judged.ours, 1, 100 if judged.claim.quantity == "success" else 1)
+    scale, _, digits = _UNITS[judged.claim.quantity]
+    return interval(judged.ours, digits, scale)
+
+
+def quantity_iqm(judged: Judged) -> str:
+    """Interquartile mean with its interval, in the units of `quantity`."""
+    scale, _, digits = _UNITS[judged.claim.quantity]
+    return iqm(judged.ours, digits, scale)
 
 
 def effect(value: float | None, judged: Judged) -> str:
     """The difference or ratio that decides a verdict; a difference of rates is in percentage points."""
     if value is None:
         return "–"
-    if judged.claim.rule == "keeps":
+    if judged.claim.is_share:
         return figure(value, 3)
-    return f"{signed(100 * value)} pp" if judged.claim.quantity == "success" else signed(value)
+    if judged.claim.quantity == "success":
+        return f"{signed(100 * value)} pp"
+    return signed(value, _UNITS[judged.claim.quantity][2])
 
 
 def deciding(judged: Judged) -> str:
     """The other side's mean, and the difference or ratio with its interval; nothing where our mean itself decides."""
     if judged.rival is None or judged.effect is None:
         return ""
-    ratio = "× " if judged.claim.rule == "keeps" else ""
+    if judged.claim.rule == "spread" and judged.ours is not None:
+        ours, rival = (figure(None if side.std is None else 100 * side.std) for side in (judged.ours, judged.rival))
+        return f"standard deviations {ours} pp and {rival} pp; {effect(judged.effect, judged)}"
+    ratio = "× " if judged.claim.is_share else ""
     said = f"{quantity(judged.rival.mean, judged)}; {ratio}{effect(judged.effect, judged)}"
     if judged.low is None:
         return said
@@ -71,6 +106,8 @@ FILTERS = {
     "figure": figure,
     "signed": signed,
     "interval": interval,
+    "iqm": iqm,
+    "quantity_iqm": quantity_iqm,
     "quantity": quantity,
     "quantity_interval": quantity_interval,
     "deciding": deciding,

@@ -11,6 +11,10 @@ ESTIMATOR_ERROR = 0.014
 ESTIMATOR_SOURCE = "§IV, Fig. 1"
 SEEDS = 3
 """Per curve; §VI-A."""
+ROBOT = "SCR5"
+"""§V-B; its scene is not described but for the cube's size."""
+DISCOUNT = 0.9
+"""Of both tasks; §III."""
 
 
 @dataclass(frozen=True)

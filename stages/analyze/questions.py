@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from stages.analyze.catalogue import Artifact
-from stages.analyze.studies import Study
+from stages.analyze.sql_text import literal
 
 _GROUP = "split_part(run, '/', 1) AS name, task, misalignment_kind, misalignment_deg, scheme"
 
@@ -11,7 +11,12 @@ RUNS = """
 -- every run, of the main matrix and of the studies beside it: what it is, how it went, the hash of what makes it again
 SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, status, estimator,
        episodes, final_return, final_success_rate,
-       config->>'$.policy.buffer' AS buffer, config->>'$.policy.reset' AS reset, config_sha256,
+       config->>'$.policy.buffer' AS buffer, config->>'$.policy.reset' AS reset, config->>'$.world.robot' AS robot,
+       (config->>'$.world.cube_half_range')::DOUBLE AS cube_half_range,
+       (config->>'$.policy.episodes')::INT AS training_episodes,
+       (config->>'$.policy.td3.gamma')::DOUBLE AS gamma,
+       (config->>'$.policy.td3.exploration_noise')::DOUBLE AS exploration_noise,
+       (config->>'$.policy.td3.preactivation_penalty')::DOUBLE AS preactivation_penalty, config_sha256,
        {main} AS main
 FROM runs
 WHERE {every}
@@ -147,104 +152,6 @@ ORDER BY task, best
 """
 
 
-STUDY_OUTCOMES = """
--- where each run of each study ended, and the main runs of the same task, scheme and misalignment beside it
-WITH member (study, name, main) AS (VALUES {members}),
-varied (study, position, key, path) AS (VALUES {keys}),
-candidate AS (SELECT * FROM runs JOIN member USING (name)),
-setting AS (
-    SELECT DISTINCT study, task, scheme, misalignment_kind, misalignment_deg FROM candidate WHERE NOT main
-),
-settings AS (
-    SELECT study, run, string_agg(key || ' = ' || coalesce(config->>path, '–'), '; ' ORDER BY position) AS settings
-    FROM candidate JOIN varied USING (study)
-    GROUP BY ALL
-),
-outcome AS (
-    SELECT run, split, after_episode, episodes,
-           mean_return, success_rate, mean_steps_to_success, mean_estimation_error
-    FROM evaluations
-    QUALIFY row_number() OVER (
-        PARTITION BY run ORDER BY split = 'final' DESC, after_episode DESC, evaluation DESC
-    ) = 1
-)
-SELECT c.study, c.main, s.settings, c.run, c.name, c.task, c.misalignment_kind, c.misalignment_deg, c.scheme, c.seed,
-       c.status, o.split, o.after_episode, o.episodes,
-       o.mean_return, o.success_rate, o.mean_steps_to_success, o.mean_estimation_error, c.config
-FROM candidate AS c
-JOIN setting USING (study, task, scheme, misalignment_kind, misalignment_deg)
-JOIN settings AS s USING (study, run)
-LEFT JOIN outcome AS o ON o.run = c.run
-ORDER BY c.study, c.main, c.run
-"""
-
-_SITUATION = "name, task, misalignment_kind, misalignment_deg"
-
-_FINAL_EPISODES = f"""
-WITH step AS (
-    SELECT run, episode,
-           max(cube_true_x) FILTER (WHERE step = 0) AS x, max(cube_true_y) FILTER (WHERE step = 0) AS y,
-           avg(abs(reward_dense_est - reward_dense_true)) AS reward_error
-    FROM transitions
-    WHERE split = 'final' AND {{runs}}
-    GROUP BY run, episode
-), episode AS (
-    SELECT split_part(run, '/', 1) AS name, * EXCLUDE (split)
-    FROM (SELECT run, task, misalignment_kind, misalignment_deg, scheme, seed, split, episode,
-                 return_dense_true AS return, mean_estimation_error AS estimation_error FROM episodes)
-    WHERE split = 'final' AND {{runs}}
-), final AS (  -- with what the oracle gets from the same start
-    SELECT e.*, s.x, s.y, s.reward_error, oracle.return - e.return AS lost_return
-    FROM episode AS e JOIN step AS s USING (run, episode)
-    LEFT JOIN (SELECT * FROM episode WHERE scheme = 'oracle') AS oracle
-        USING ({_SITUATION}, seed, episode)
-)"""
-
-REGIONS = f"""
--- final episodes by where on the table the cube starts (5 × 5 regions): wrong estimate, wrong reward, lost return
-{_FINAL_EPISODES.strip()},
-region AS (
-    SELECT final.*, half,
-           least(4, greatest(0, floor(5 * (x + half) / (2 * half)))) AS column_x,
-           least(4, greatest(0, floor(5 * (y + half) / (2 * half)))) AS row_y
-    FROM final JOIN (SELECT run, (config->>'$.world.cube_half_range')::DOUBLE AS half FROM runs) USING (run)
-    WHERE half > 0 AND x IS NOT NULL AND y IS NOT NULL
-)
-SELECT {_SITUATION}, scheme,
-       half * (2 * column_x - 4) / 5 AS x, half * (2 * row_y - 4) / 5 AS y, 2 * half / 5 AS width,
-       count(*) AS episodes, avg(estimation_error) AS estimation_error, avg(reward_error) AS reward_error,
-       avg(return) AS mean_return, avg(lost_return) AS lost_return
-FROM region
-GROUP BY ALL
-ORDER BY ALL
-"""
-
-REGION_CORRELATION = f"""
--- do the episodes with the worse estimate, or the worse reward, lose more return? Spearman's rank correlation
-{_FINAL_EPISODES.strip()},
-ranked AS (  -- equal values share the mean of their ranks
-    SELECT *,
-           rank() OVER (w ORDER BY estimation_error)
-               + (count(*) OVER (PARTITION BY {_SITUATION}, scheme, estimation_error) - 1) / 2 AS estimation_rank,
-           rank() OVER (w ORDER BY reward_error)
-               + (count(*) OVER (PARTITION BY {_SITUATION}, scheme, reward_error) - 1) / 2 AS reward_rank,
-           rank() OVER (w ORDER BY lost_return)
-               + (count(*) OVER (PARTITION BY {_SITUATION}, scheme, lost_return) - 1) / 2 AS lost_rank
-    FROM final
-    WHERE scheme <> 'oracle' AND lost_return IS NOT NULL
-      AND estimation_error IS NOT NULL AND reward_error IS NOT NULL
-    WINDOW w AS (PARTITION BY {_SITUATION}, scheme)
-)
-SELECT {_SITUATION}, scheme, count(*) AS episodes,
-       avg(estimation_error) AS estimation_error, avg(reward_error) AS reward_error, avg(lost_return) AS lost_return,
-       nullif(corr(estimation_rank, lost_rank), 'NaN') AS estimation_correlation,
-       nullif(corr(reward_rank, lost_rank), 'NaN') AS reward_correlation
-FROM ranked
-GROUP BY ALL
-ORDER BY ALL
-"""
-
-
 def named(chosen: Sequence[Artifact], every: Sequence[Artifact]) -> str:
     """SQL condition on `runs` for the chosen ones, by name where all cells of a name are chosen."""
     names = {run.name.split("/")[0] for run in chosen}
@@ -263,21 +170,5 @@ def which_estimators(chosen: Sequence[Artifact]) -> str:
     return f"estimator IN ({_list({estimator.name for estimator in chosen})})"
 
 
-def study_members(studies: Sequence[Study]) -> str:
-    """SQL rows (study, name of runs, whether they are the main ones)."""
-    rows = [(study.name, name, name == study.main) for study in studies for name in (*study.runs, study.main)]
-    return ", ".join(f"({_text(study)}, {_text(name)}, {str(main).lower()})" for study, name, main in rows)
-
-
-def study_keys(studies: Sequence[Study]) -> str:
-    """SQL rows (study, position, key, where a run's configuration has it)."""
-    rows = [(study.name, position, key) for study in studies for position, key in enumerate(study.keys)]
-    return ", ".join(f"({_text(study)}, {i}, {_text(key)}, {_text(f'$.{key}')})" for study, i, key in rows)
-
-
 def _list(names: set[str]) -> str:
-    return ", ".join(_text(name) for name in sorted(names)) or "NULL"
-
-
-def _text(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"
+    return ", ".join(literal(name) for name in sorted(names)) or "NULL"

@@ -1,7 +1,7 @@
 """The report: one HTML file that opens offline, with everything it needs inside."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,13 +14,15 @@ from markupsafe import Markup
 from stages.analyze import formats, paper, provenance
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.derived import Derived, estimator_errors
+from stages.analyze.derived import Derived
 from stages.analyze.figures import cameras, export, theme
 from stages.analyze.figures.figure import Figure
+from stages.analyze.limits import limits
 from stages.analyze.recordings import Recording
-from stages.analyze.results import SCHEMES, Answer
+from stages.analyze.results import SCHEMES, Answer, rows_of
+from stages.analyze.rules import RULES
 from stages.analyze.study import Selection
-from stages.analyze.verdicts import RULES
+from stages.analyze.tiles import tiles
 
 _ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("stages.analyze"),
@@ -47,6 +49,7 @@ class Contents:
     study_figures: list[Figure]
     recordings: list[Recording]
     cameras: list[Path]
+    left_out: Mapping[str, int]  # NAME of runs: how many were not finished
 
     @property
     def figures(self) -> list[Figure]:
@@ -72,12 +75,13 @@ def render(contents: Contents) -> str:
     return _ENVIRONMENT.get_template("report.html.j2").render(
         title=_title(contents.selection),
         sections=_sections(contents, policy_sections),
-        tiles=_tiles(contents),
-        findings=provenance.findings(groups, confidence),
+        tiles=tiles(contents.selection, contents.derived, contents.answers),
+        findings=contents.derived.findings,
+        left_out=contents.left_out,
         groups=groups,
         several_names=len({group.name for group in groups}) > 1,
         failed=[run for run in contents.selection.every_run if run.manifest.status == "failed"],
-        estimators=contents.answers["estimators"].rows if "estimators" in contents.answers else [],
+        estimators=rows_of(contents.answers, "estimators"),
         estimator_figures=contents.estimator_figures,
         policy_sections=policy_sections,
         switches=contents.derived.switches,
@@ -87,13 +91,14 @@ def render(contents: Contents) -> str:
         rules=RULES,
         studies=_studies(contents),
         region_figures=contents.region_figures,
-        correlations=contents.answers["region-correlation"].rows if "region-correlation" in contents.answers else [],
+        correlations=rows_of(contents.answers, "region-correlation"),
         comparisons=contents.derived.comparisons,
         cameras=[{"title": cameras.title(path), "uri": _data_uri(path)} for path in contents.cameras],
         recordings=[recording for recording in contents.recordings if recording.error is None],
         limits=_limits(contents),
+        deviations=contents.derived.deviations,
         lineage=provenance.lineage(contents.selection),
-        environments=provenance.environments(contents.shown),
+        environments=provenance.environments([artifact.manifest.environment for artifact in contents.shown]),
         settings=[(key.replace("_", " "), value) for key, value in contents.config.model_dump().items()],
         sql={name.replace("-", "_"): answer.sql for name, answer in contents.answers.items()},
         confidence=confidence,
@@ -131,37 +136,6 @@ def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tupl
     return [(id, label) for id, label, there in present if there]
 
 
-@dataclass(frozen=True)
-class _Tile:
-    label: str
-    value: str
-    unit: str
-    note: str
-
-
-def _tiles(contents: Contents) -> list[_Tile]:
-    tiles = []
-    runs = contents.selection.runs
-    if runs:
-        statuses = [run.manifest.status for run in runs]
-        counts = [f"{statuses.count(s)} {s}" for s in ("complete", "running", "failed") if s in statuses]
-        beside = len(contents.selection.study_runs)
-        note = ", ".join(counts) + (f"; {beside} more in the studies" if beside else "")
-        tiles.append(_Tile("Runs", str(len(runs)), "", note))
-        seeds = sorted({len(group.seeds) for group in contents.derived.groups})
-        several = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]}–{seeds[-1]}"
-        tiles.append(
-            _Tile("Seeds a group", several, "", f"{len(contents.derived.groups)} groups; the paper has {paper.SEEDS}")
-        )
-        volume = contents.answers["volume"].rows[0]
-        note = f"in {volume['episodes']:,} episodes, every one queryable and replayable"
-        tiles.append(_Tile("Transitions logged", f"{volume['transitions'] or 0:,}", "", note))
-    if errors := estimator_errors(contents.answers):
-        note = f"mean on test episodes; the paper has {100 * paper.ESTIMATOR_ERROR:.1f} cm"
-        tiles.append(_Tile("Estimator error", f"{100 * min(errors.values()):.2f}", "cm", note))
-    return tiles
-
-
 def _studies(contents: Contents) -> list[dict[str, Any]]:
     """Each study with its variants, what they say, and its figure."""
     figures = {figure.id: figure for figure in contents.study_figures}
@@ -178,7 +152,8 @@ def _studies(contents: Contents) -> list[dict[str, Any]]:
 
 def _limits(contents: Contents) -> list[str]:
     codes = [artifact.manifest.code for artifact in contents.shown]
-    lines = provenance.limits(contents.derived.groups, codes, paper.SEEDS)
+    derived = contents.derived
+    lines = limits(derived.groups, derived.of_studies, codes, "the lineage")
     return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]
 
 

@@ -1,12 +1,14 @@
 """The configuration that the artifacts of an analysis share, as one file that makes them again."""
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import Any
 
+from schemas.config import flatten
 from stages.analyze import toml_text
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.studies import Study, leaves
+from stages.analyze.studies import Study
 from stages.analyze.study import Selection
 
 _IDENTITY = {
@@ -26,7 +28,7 @@ Values = dict[str, Any]
 
 def config_toml(config: AnalyzeConfig, selection: Selection) -> str:
     """[world] to [studies.NAME] for `--config`; what differs between runs of one task is named in a comment."""
-    sources = _sources(selection)
+    sources = [*selection.estimators, *selection.datasets]
     sections: Values = {"world": _shared([run.manifest.config.get("world", {}) for run in selection.runs])}
     for name in _SECTIONS:
         sections[name] = _shared([each.manifest.config[name] for each in sources if name in each.manifest.config])
@@ -36,13 +38,6 @@ def config_toml(config: AnalyzeConfig, selection: Selection) -> str:
     sections["studies"] = {study.name: _study(study, selection, policy) for study in selection.studies}
     comments = [f"# Not the same in all runs, so not here: {key}" for key in _differing(selection.runs)]
     return "\n".join([*comments, toml_text.dumps({k: v for k, v in sections.items() if v})])
-
-
-def _sources(selection: Selection) -> list[Artifact]:
-    """The estimators and the datasets they were trained on."""
-    inputs = [reference.id for each in selection.estimators for reference in each.manifest.inputs]
-    datasets = [selection.sources[id] for id in dict.fromkeys(inputs) if id in selection.sources]
-    return [*selection.estimators, *datasets]
 
 
 def _shared(configs: Sequence[Values]) -> Values:
@@ -93,7 +88,10 @@ def _identity(run: Artifact, key: str) -> Any:
 
 def _distinct(values: Iterable[Any]) -> list[Any]:
     """In order: of the schemes as first met, of numbers by size."""
-    found = list(dict.fromkeys(value for value in values if value is not None))
+    found: list[Any] = []
+    for value in values:  # lists among them cannot be keys of a dict
+        if value is not None and value not in found:
+            found.append(value)
     return sorted(found) if all(isinstance(value, int | float) for value in found) else found
 
 
@@ -101,7 +99,7 @@ def _differing(runs: Sequence[Artifact]) -> list[str]:
     """Keys of [world], and of [policy] among the runs of one task, that have several values."""
     found: dict[str, None] = {}
     for task in _distinct(_identity(run, "task") for run in runs):
-        mine = [dict(leaves(run.manifest.config)) for run in runs if _identity(run, "task") == task]
+        mine = [dict(flatten(run.manifest.config)) for run in runs if _identity(run, "task") == task]
         for key in mine[0]:
             if key.startswith(("world.", "policy.")) and any(config.get(key) != mine[0][key] for config in mine):
                 found[key] = None
@@ -110,29 +108,52 @@ def _differing(runs: Sequence[Artifact]) -> list[str]:
 
 def _study(study: Study, selection: Selection, policy: Values) -> Values:
     """The section that makes the study's runs again: the cells they are of, what else differs, and what varies."""
-    runs = [run for run in selection.every_run if run.name.split("/")[0] in study.runs]
+    runs = [run for run in selection.every_run if _name(run) in study.runs]
     tasks = _distinct(_identity(run, "task") for run in runs)
-    mine = [dict(leaves(run.manifest.config)) for run in runs]
-    main = [dict(leaves(run.manifest.config)) for run in selection.references if _identity(run, "task") in tasks]
-    fixed = {name: _distinct(_identity(run, key) for run in runs) for key, name in _IDENTITY.items()}
-    cells = {key: value for name, value in fixed.items() for key in _heard(f"policy.{name}", tasks, policy)}
+    mine = [dict(flatten(run.manifest.config)) for run in runs]
+    main = [
+        dict(flatten(run.manifest.config))
+        for run in selection.runs
+        if _name(run) == study.main and _identity(run, "task") in tasks
+    ]
+    cells = {
+        heard: values for name, values in _cells(runs).items() for heard in _heard(f"policy.{name}", tasks, policy)
+    }
     others = {
         heard: mine[0][key]
         for key in (mine[0] if main else ())
         if key.startswith(("world.", "policy.")) and key not in study.keys and mine[0][key] != main[0].get(key)
         for heard in _heard(key, tasks, policy)
     }
-    varied: Values = {}
-    for key in study.keys:
-        heard, found = _heard(_MATRIX.get(key, key), tasks, policy)[0], _distinct(config.get(key) for config in mine)
-        varied[heard] = [[each] for each in found] if heard in cells else found
+    varied = {_heard(_MATRIX.get(key, key), tasks, policy)[0]: _values(key, study, runs) for key in study.keys}
     kept = {key: value for key, value in (cells | others).items() if key not in varied}
     return {"question": study.question, "set": kept, "vary": varied}
+
+
+def _cells(runs: Sequence[Artifact]) -> Values:
+    """What of [policy] chooses these cells: its lists, and the kind of misalignment."""
+    lists: Values = {name: _distinct(_identity(run, key) for run in runs) for key, name in _IDENTITY.items()}
+    kinds = _distinct(_identity(run, "misalignment_kind") for run in runs)
+    return lists | ({"misalignment_kind": kinds[0]} if len(kinds) == 1 else {})
+
+
+def _values(key: str, study: Study, runs: Sequence[Artifact]) -> list[Any]:
+    """What `key` was in the variants, each value once; a list of the matrix is as long as it is in each of them."""
+    listed = key in [f"run.{each}" for each in _IDENTITY]
+    by_name = {
+        name: _distinct(dict(flatten(run.manifest.config)).get(key) for run in runs if _name(run) == name)
+        for name in study.runs
+    }
+    return _distinct(by_name.values() if listed else chain.from_iterable(by_name.values()))
+
+
+def _name(run: Artifact) -> str:
+    return run.name.split("/")[0]
 
 
 def _heard(key: str, tasks: Sequence[str], policy: Values) -> list[str]:
     """Where a matrix has `key` for its `tasks`: in the section of a task that has its own, else in [policy]."""
     section, _, inner = key.partition(".")
-    own = [task for task in tasks if section == "policy" and inner in dict(leaves(policy.get(task, {})))]
+    own = [task for task in tasks if section == "policy" and inner in dict(flatten(policy.get(task, {})))]
     shared = [key] if not own or len(own) < len(tasks) else []
     return [*shared, *(f"policy.{task}.{inner}" for task in own)]

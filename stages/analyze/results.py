@@ -1,23 +1,17 @@
 """Runs gathered into groups that differ in nothing but the seed."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, Protocol
 
-import numpy as np
-
-from stages.analyze.config import AnalyzeConfig
-from stages.analyze.paper import RESULTS, PaperResult
-from stages.analyze.statistics import Summary, paired_interval, summarise
+from stages.analyze.statistics import BySeed, Statistics, Summary
 
 SCHEMES = ("oracle", "dense2sparse", "dense", "sparse")
 """In the order of every table and legend: first the one that knows the truth, then the paper's, then its rivals."""
 
 Row = dict[str, Any]
-_KEY = ("name", "task", "misalignment_kind", "misalignment_deg", "scheme")
-
-BySeed = Mapping[int, float]
+IDENTITY = ("name", "task", "misalignment_kind", "misalignment_deg", "scheme")
 
 
 @dataclass(frozen=True)
@@ -28,13 +22,18 @@ class Answer:
     rows: list[Row]
 
 
+def rows_of(answers: Mapping[str, Answer], name: str) -> list[Row]:
+    """The rows of an answer; none where the question was not asked."""
+    return answers[name].rows if name in answers else []
+
+
 @dataclass(frozen=True)
 class Scores:
     """What each seed of a group reached."""
 
     returns: BySeed
     success: BySeed
-    area: BySeed  # under the learning curve, over its length: mean reward of the evaluations while training
+    area: BySeed  # under the learning curve, over its length and its own final return: 1 is learnt at once
 
 
 @dataclass(frozen=True)
@@ -59,58 +58,9 @@ class Group:
     estimation_error: Summary | None  # [m]
     scores: Scores
 
-
-@dataclass(frozen=True)
-class Switch:
-    """What the evaluations gained after the switch, and what `dense` gained over the same episodes."""
-
-    name: str
-    task: str
-    misalignment_kind: str
-    misalignment_deg: float
-    before: Summary
-    after: Summary
-    change: Summary
-    control: Summary | None
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A number of the paper and the group it may be compared with, if there is one."""
-
-    paper: PaperResult
-    group: Group | None
-
-
-class Statistics:
-    """Summaries under one configuration; each quantity draws from the same seed, so that no order matters."""
-
-    def __init__(self, config: AnalyzeConfig) -> None:
-        self._config = config
-
-    def of(self, values: Iterable[float | None]) -> Summary | None:
-        """Summary of the values that are there."""
-        array = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-        rng = np.random.default_rng(self._config.seed)
-        return summarise(array, rng, self._config.bootstrap_samples, self._config.confidence)
-
-    def paired(
-        self, a: BySeed, b: BySeed, statistic: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    ) -> tuple[int, float, float | None, float | None] | None:
-        """Number of common seeds, `statistic` of the two means, and its interval; None without a common seed.
-
-        Both sides are resampled by the same seeds, which the schemes share. One seed has no interval.
-        """
-        seeds = sorted(set(a) & set(b))
-        if not seeds:
-            return None
-        x, y = (np.array([side[seed] for seed in seeds]) for side in (a, b))  # (n,)
-        value = float(statistic(x.mean(), y.mean()))
-        if len(seeds) == 1:
-            return 1, value, None, None
-        rng = np.random.default_rng(self._config.seed)
-        low, high = paired_interval(x, y, rng, self._config.bootstrap_samples, self._config.confidence, statistic)
-        return len(seeds), value, low, high
+    def counted(self, scores: BySeed) -> BySeed:
+        """`scores` of this group with its failed seeds as 0."""
+        return dict.fromkeys(self.failed_seeds, 0.0) | dict(scores)
 
 
 def groups(runs: Sequence[Row], outcomes: Sequence[Row], areas: Sequence[Row], statistics: Statistics) -> list[Group]:
@@ -122,7 +72,7 @@ def groups(runs: Sequence[Row], outcomes: Sequence[Row], areas: Sequence[Row], s
     curves = {row["run"]: row for row in areas}
     members: dict[tuple[Any, ...], list[Row]] = {}
     for run in runs:
-        members.setdefault(tuple(run[key] for key in _KEY), []).append(run)
+        members.setdefault(tuple(run[key] for key in IDENTITY), []).append(run)
     made = [_group(key, cells, ends, curves, statistics) for key, cells in members.items()]
     return sorted(made, key=order)
 
@@ -135,6 +85,7 @@ def _group(
     learnt = [curves[cell["run"]] for cell in cells if cell["run"] in curves]
     statuses = [cell["status"] for cell in cells]
     failed = [cell["seed"] for cell in cells if cell["status"] == "failed" and cell["seed"] is not None]
+    returns = _by_seed(rows, "mean_return")
     return Group(
         name=str(name),
         task=str(task),
@@ -152,7 +103,7 @@ def _group(
         success=statistics.of(row["success_rate"] for row in rows),
         steps_to_success=statistics.of(row["mean_steps_to_success"] for row in rows),
         estimation_error=statistics.of(row["mean_estimation_error"] for row in rows),
-        scores=Scores(_by_seed(rows, "mean_return"), _by_seed(rows, "success_rate"), _by_seed(learnt, "area")),
+        scores=Scores(returns, _by_seed(rows, "success_rate"), _shares(_by_seed(learnt, "area"), returns)),
     )
 
 
@@ -161,48 +112,29 @@ def _treatment(cells: Sequence[Row]) -> str | None:
     return " or ".join(sorted(found)) or None
 
 
+def _shares(areas: BySeed, returns: BySeed) -> BySeed:
+    """Of the level that each seed ended at, so that how fast it learnt is not mixed with how far it got."""
+    return {seed: area / returns[seed] for seed, area in areas.items() if returns.get(seed, 0.0) > 0}
+
+
 def _by_seed(rows: Sequence[Row], column: str) -> BySeed:
     return {int(row["seed"]): float(row[column]) for row in rows if row[column] is not None and isfinite(row[column])}
 
 
-def switches(rows: Sequence[Row], statistics: Statistics) -> list[Switch]:
-    """Effect of the switch for every setting that has dense2sparse runs on both sides of it."""
-    found: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        found.setdefault(tuple(row[key] for key in _KEY[:-1]), []).append(row)
-    made = [_switch(key, members, statistics) for key, members in found.items()]
-    return sorted((switch for switch in made if switch is not None), key=order)
+class Placed(Protocol):
+    """What belongs to a setting: a group, or the switch of one."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def misalignment_kind(self) -> str: ...
+    @property
+    def misalignment_deg(self) -> float: ...
 
 
-def _switch(key: tuple[Any, ...], rows: list[Row], statistics: Statistics) -> Switch | None:
-    mine = [row for row in rows if row["scheme"] == "dense2sparse"]
-    before = statistics.of(row["before_return"] for row in mine)
-    after = statistics.of(row["after_return"] for row in mine)
-    change = statistics.of(row["change"] for row in mine)
-    if before is None or after is None or change is None:
-        return None
-    control = statistics.of(row["change"] for row in rows if row["scheme"] == "dense")
-    name, task, kind, degrees = key
-    return Switch(name, task, kind, degrees, before, after, change, control)
-
-
-def beside_paper(found: Sequence[Group]) -> list[Comparison]:
-    """Every number of the paper with each group of the same task, scheme and angle; one with None where none ran."""
-    rows: list[Comparison] = []
-    for paper in RESULTS:
-        matches = [group for group in found if _same_setting(paper, group)]
-        rows.extend(Comparison(paper, group) for group in matches)
-        if not matches:
-            rows.append(Comparison(paper, None))
-    return rows
-
-
-def _same_setting(paper: PaperResult, group: Group) -> bool:
-    same = (paper.task, paper.scheme) == (group.task, group.scheme)
-    return same and abs(paper.misalignment_deg - group.misalignment_deg) < 1e-3
-
-
-def order(item: Group | Switch) -> tuple[Any, ...]:
+def order(item: Placed) -> tuple[Any, ...]:
     """Sort key: reach before lift, little misalignment before much, schemes in the order of `SCHEMES`."""
     scheme = getattr(item, "scheme", "")
     rank = SCHEMES.index(scheme) if scheme in SCHEMES else len(SCHEMES)
@@ -221,12 +153,12 @@ def flat(found: Sequence[Group]) -> list[Row]:
 
 def flat_group(group: Group) -> Row:
     """One group as a row."""
-    row: Row = {key: getattr(group, key) for key in _KEY}
+    row: Row = {key: getattr(group, key) for key in IDENTITY}
     row |= {"treatment": group.treatment, "seeds": len(group.seeds), "failed": group.failed, "running": group.running}
     row |= {"judged_by": group.judged_by, "episodes": group.episodes}
     for quantity in ("returns", "success", "steps_to_success", "estimation_error"):
         summary: Summary | None = getattr(group, quantity)
-        for part in ("mean", "std", "iqm", "low", "high"):
+        for part in ("mean", "std", "iqm", "iqm_low", "iqm_high", "low", "high"):
             row[f"{quantity.removesuffix('s') if quantity == 'returns' else quantity}_{part}"] = (
                 None if summary is None else getattr(summary, part)
             )

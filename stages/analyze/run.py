@@ -1,6 +1,6 @@
 """The analysis: logs in, one report with its figures, tables, evidence and recordings out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from stages.analyze.figures import cameras, estimator, export, policy, regions
 from stages.analyze.figures import studies as study_figures
 from stages.analyze.figures.figure import Figure
 from stages.analyze.recordings import RecordEpisode, Recording
-from stages.analyze.results import Answer, Group
+from stages.analyze.results import Answer, Group, rows_of
 from stages.analyze.studies import Study
 from stages.analyze.study import Selection, ask_all, choose
 
@@ -26,13 +26,15 @@ def run(
     out: Path,
     *,
     studies: Sequence[Study] = (),
+    left_out: Mapping[str, int] = {},
     record_episode: RecordEpisode | None,
     progress: Progress,
 ) -> dict[str, Any]:
     """Write report.html, README.md, provenance.json, config.toml, figures/, tables/ and recordings into `out`.
 
     `runs` are NAMEs or NAME/CELL, `estimators` NAMEs; with neither, everything under `data_root` is analysed. The runs
-    of `studies` appear in the studies' tables only. Returns the summary for the manifest.
+    of `studies` appear in the studies' tables only; `left_out` says of how many runs of each NAME the report does not
+    know, because they are not finished. Returns the summary for the manifest.
 
     Raises:
         ArtifactError: an unknown name, nothing to analyse, or logs that cannot be read.
@@ -53,13 +55,10 @@ def run(
         study_figures=_studies(selection, answers, derived),
         recordings=_record(config, answers, out, record_episode, progress),
         cameras=cameras.pictures(out / "figures"),
+        left_out=left_out,
     )
     _write(contents, out, progress)
     return _summary(contents)
-
-
-def _rows(answers: dict[str, Answer], name: str) -> list[results.Row]:
-    return answers[name].rows if name in answers else []
 
 
 def _estimator_figures(answers: dict[str, Answer]) -> list[Figure]:
@@ -67,13 +66,13 @@ def _estimator_figures(answers: dict[str, Answer]) -> list[Figure]:
         "estimator-epochs": estimator.estimator_epochs,
         "estimator-misalignment": estimator.estimator_misalignment,
     }
-    return [make(answers[name].rows, answers[name].sql) for name, make in makers.items() if _rows(answers, name)]
+    return [make(answers[name].rows, answers[name].sql) for name, make in makers.items() if rows_of(answers, name)]
 
 
 def _by_task(
     answers: dict[str, Answer], name: str, make: Callable[[str, list[results.Row], str], Figure | None]
 ) -> list[Figure]:
-    rows = _rows(answers, name)
+    rows = rows_of(answers, name)
     tasks = sorted({row["task"] for row in rows}, key=lambda task: (task != "reach", task))
     made = [make(task, [row for row in rows if row["task"] == task], answers[name].sql) for task in tasks]
     return [figure for figure in made if figure is not None]
@@ -81,14 +80,14 @@ def _by_task(
 
 def _curves(answers: dict[str, Answer]) -> Callable[[str, list[results.Row], str], Figure]:
     def make(task: str, rows: list[results.Row], sql: str) -> Figure:
-        switches = [row for row in _rows(answers, "switches") if row["task"] == task]
+        switches = [row for row in rows_of(answers, "switches") if row["task"] == task]
         return policy.learning_curves(task, rows, switches, sql)
 
     return make
 
 
 def _reward_error(answers: dict[str, Answer]) -> list[Figure]:
-    rows = _rows(answers, "reward-error")
+    rows = rows_of(answers, "reward-error")
     return [policy.reward_error(rows, answers["reward-error"].sql)] if rows else []
 
 
@@ -104,11 +103,11 @@ def _record(
     config: AnalyzeConfig, answers: dict[str, Answer], out: Path, record: RecordEpisode | None, progress: Progress
 ) -> list[Recording]:
     made = []
-    curves = _rows(answers, "learning-curves")
+    curves = rows_of(answers, "learning-curves")
     if curves:
         made.append(recordings.write_comparison(curves, out / recordings.COMPARISON_FILE))
     if record is not None and config.recordings:
-        episodes = _rows(answers, "extreme-episodes")
+        episodes = rows_of(answers, "extreme-episodes")
         with progress.task("recordings", total=config.recordings) as task:
             made += recordings.write_episodes(episodes, config.recordings, out, record)
             task.advance(config.recordings)
@@ -133,7 +132,7 @@ def _summary(contents: report.Contents) -> dict[str, Any]:
         "runs": len(contents.selection.runs),
         "report": "report.html",
         "recordings": [recording.file for recording in contents.recordings if recording.error is None],
-        "estimator_error": min(estimator_errors(contents.answers).values(), default=None),
+        "estimator_error": max(estimator_errors(contents.answers).values(), default=None),
         "results": [_result(group) for group in contents.derived.groups],
     }
 

@@ -1,10 +1,14 @@
 """Statistics over seeds: few values, so intervals are bootstrapped and trimming is exact."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+
+from stages.analyze.config import AnalyzeConfig
+
+BySeed = Mapping[int, float]
 
 
 @dataclass(frozen=True)
@@ -17,6 +21,8 @@ class Summary:
     iqm: float
     low: float | None  # bootstrap interval of the mean
     high: float | None
+    iqm_low: float | None  # bootstrap interval of the interquartile mean
+    iqm_high: float | None
 
 
 def summarise(values: np.ndarray, rng: np.random.Generator, samples: int, confidence: float) -> Summary | None:
@@ -26,9 +32,10 @@ def summarise(values: np.ndarray, rng: np.random.Generator, samples: int, confid
         return None
     mean, iqm = float(np.mean(finite)), interquartile_mean(finite)
     if len(finite) == 1:
-        return Summary(1, mean, None, iqm, None, None)
+        return Summary(1, mean, None, iqm, None, None, None, None)
     low, high = bootstrap_interval(finite, rng, samples, confidence)
-    return Summary(len(finite), mean, float(np.std(finite, ddof=1)), iqm, low, high)
+    iqm_low, iqm_high = bootstrap_interval(finite, rng, samples, confidence, _interquartile_means)
+    return Summary(len(finite), mean, float(np.std(finite, ddof=1)), iqm, low, high, iqm_low, iqm_high)
 
 
 def interquartile_mean(values: np.ndarray) -> float:
@@ -39,9 +46,15 @@ def interquartile_mean(values: np.ndarray) -> float:
     """
     if len(values) == 0:
         raise ValueError("the interquartile mean of no values")
-    edges = np.linspace(0.0, 1.0, len(values) + 1)  # (n + 1,) the i-th sorted value covers edges[i] to edges[i + 1]
+    return float(_interquartile_means(values[None])[0])
+
+
+def _interquartile_means(samples: np.ndarray) -> np.ndarray:
+    """Of each of `samples` (m, n): (m,)."""
+    n = samples.shape[1]
+    edges = np.linspace(0.0, 1.0, n + 1)  # (n + 1,) the i-th sorted value covers edges[i] to edges[i + 1]
     inside = np.clip(edges, 0.25, 0.75)
-    return float(np.average(np.sort(values), weights=np.diff(inside)))
+    return np.average(np.sort(samples, axis=1), axis=1, weights=np.diff(inside))
 
 
 def bootstrap_interval(
@@ -78,3 +91,34 @@ def paired_interval(
 def distinct_resamples(n: int) -> int:
     """How many different bootstrap samples `n` values have: with three it is 10, which bounds any interval's detail."""
     return comb(2 * n - 1, n)
+
+
+class Statistics:
+    """Summaries under one configuration; each quantity draws from the same seed, so that no order matters."""
+
+    def __init__(self, config: AnalyzeConfig) -> None:
+        self._config = config
+
+    def of(self, values: Iterable[float | None]) -> Summary | None:
+        """Summary of the values that are there."""
+        array = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        rng = np.random.default_rng(self._config.seed)
+        return summarise(array, rng, self._config.bootstrap_samples, self._config.confidence)
+
+    def paired(
+        self, a: BySeed, b: BySeed, statistic: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> tuple[int, float, float | None, float | None] | None:
+        """Number of common seeds, `statistic` of the two means, and its interval; None without a common seed.
+
+        Both sides are resampled by the same seeds, which the schemes share. One seed has no interval.
+        """
+        seeds = sorted(set(a) & set(b))
+        if not seeds:
+            return None
+        x, y = (np.array([side[seed] for seed in seeds]) for side in (a, b))  # (n,)
+        value = float(statistic(x.mean(), y.mean()))
+        if len(seeds) == 1:
+            return 1, value, None, None
+        rng = np.random.default_rng(self._config.seed)
+        low, high = paired_interval(x, y, rng, self._config.bootstrap_samples, self._config.confidence, statistic)
+        return len(seeds), value, low, high

@@ -8,7 +8,7 @@ import duckdb
 
 from schemas.errors import ArtifactError, ConfigError
 from schemas.progress import Progress, Task
-from stages.analyze import questions
+from stages.analyze import questions, region_questions, study_questions
 from stages.analyze.catalogue import Artifact, artifacts, select
 from stages.analyze.query import query
 from stages.analyze.results import Answer, Row
@@ -25,13 +25,18 @@ class Selection:
     sources: dict[str, Artifact]  # every dataset and estimator under the data root, by id
     studies: tuple[Study, ...]
     study_runs: list[Artifact]  # those of `studies` that are not in `runs`
-    references: list[Artifact]  # runs of the matrices that the studies are beside
     blanks: dict[str, str]  # of the questions, in SQL
 
     @property
     def every_run(self) -> list[Artifact]:
         """The runs and those of the studies beside them."""
         return [*self.runs, *self.study_runs]
+
+    @property
+    def datasets(self) -> list[Artifact]:
+        """Those that the estimators were trained on, as far as they are still there."""
+        inputs = dict.fromkeys(reference.id for each in self.estimators for reference in each.manifest.inputs)
+        return [self.sources[id] for id in inputs if id in self.sources]
 
 
 def choose(data_root: Path, runs: Sequence[str], estimators: Sequence[str], studies: Sequence[Study] = ()) -> Selection:
@@ -59,7 +64,6 @@ def choose(data_root: Path, runs: Sequence[str], estimators: Sequence[str], stud
         sources={artifact.id: artifact for artifact in [*artifacts(data_root, "datasets"), *every_estimator]},
         studies=tuple(studies),
         study_runs=[run for run in of_studies if run.id not in main],
-        references=[run for run in every_run if run.name.split("/")[0] in {study.main for study in studies}],
         blanks=_blanks(chosen, of_studies, made, every_run, studies),
     )
 
@@ -77,8 +81,7 @@ def _blanks(
         "every": f"({main} OR {questions.named(of_studies, every_run)})" if of_studies else main,
         "runs": questions.logged(main),
         "estimators": questions.which_estimators(estimators),
-        "members": questions.study_members(studies),
-        "keys": questions.study_keys(studies),
+        "members": study_questions.members(studies),
     }
 
 
@@ -90,10 +93,9 @@ def ask_all(data_root: Path, selection: Selection, recordings: int, progress: Pr
     blanks = selection.blanks | {"count": str(max(1, recordings))}
     of_main, of_studies = (_filled(texts, blanks) for texts in _questions(selection))
     main = [*selection.runs, *selection.estimators]
-    every = {artifact.id: artifact for artifact in [*selection.every_run, *selection.references]}
     with progress.task("queries", total=len(of_main) + len(of_studies)) as task:
         answers = _answers(data_root, main, of_main, task)
-        return answers | _answers(data_root, list(every.values()), of_studies, task)
+        return answers | _answers(data_root, selection.every_run, of_studies, task)
 
 
 def _questions(selection: Selection) -> tuple[dict[str, str], dict[str, str]]:
@@ -105,8 +107,8 @@ def _questions(selection: Selection) -> tuple[dict[str, str], dict[str, str]]:
         "switches": questions.SWITCHES,
         "switch-effect": questions.SWITCH_EFFECT,
         "reward-error": questions.REWARD_ERROR,
-        "regions": questions.REGIONS,
-        "region-correlation": questions.REGION_CORRELATION,
+        "regions": region_questions.REGIONS,
+        "region-correlation": region_questions.REGION_CORRELATION,
         "volume": questions.VOLUME,
         "extreme-episodes": questions.EXTREME_EPISODES,
     }
@@ -117,7 +119,7 @@ def _questions(selection: Selection) -> tuple[dict[str, str], dict[str, str]]:
     }
     of_main = (of_runs if selection.runs else {}) | (of_estimators if selection.estimators else {})
     of_every = {"runs": questions.RUNS} if selection.every_run else {}
-    return of_main, of_every | ({"study-outcomes": questions.STUDY_OUTCOMES} if selection.studies else {})
+    return of_main, of_every | ({"study-outcomes": study_questions.STUDY_OUTCOMES} if selection.studies else {})
 
 
 def _filled(texts: dict[str, str], blanks: dict[str, str]) -> dict[str, str]:
@@ -126,7 +128,7 @@ def _filled(texts: dict[str, str], blanks: dict[str, str]) -> dict[str, str]:
 
 def _answers(data_root: Path, seen: Sequence[Artifact], texts: dict[str, str], task: Task) -> dict[str, Answer]:
     answers = {}
-    with connect(data_root, only=seen) as connection:
+    with connect(data_root, only=seen, threads=1) as connection:
         for name, sql in texts.items():
             task.note(name)
             answers[name] = Answer(sql, _ask(connection, sql))

@@ -1,29 +1,14 @@
 """Claims judged by our runs, by rules that are the same for every claim."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.analyze.claims import NEAR, Claim, Quantity, Setting
-from stages.analyze.results import BySeed, Group, Row, Statistics
-from stages.analyze.statistics import Summary
-
-RULES = {
-    "above": (
-        "order (A above B): reproduced when the bootstrap interval of the difference of the means lies above 0, "
-        "different when it lies below 0 (the opposite), else not reproduced (not shown)"
-    ),
-    "keeps": "keeps, nearly equals: reproduced when the ratio of the means is at least 0.95, else not reproduced",
-    "level": (
-        "level (about V): reproduced when V lies within the interval of our mean or within 10 % of our mean, "
-        "else different"
-    ),
-    "at most": "at most V: reproduced when our mean is no larger than V, else not reproduced",
-    "at least": "at least V: reproduced when our mean is no smaller than V, else not reproduced",
-    "failed": ("failed runs: a claim that holds only without them, or only with them counted as 0, is not reproduced"),
-}
-"""Differences and ratios resample the seeds of both sides jointly: the schemes share them."""
+from stages.analyze.claims import Claim, Quantity, Setting
+from stages.analyze.results import Group, Row
+from stages.analyze.rules import decide
+from stages.analyze.statistics import BySeed, Statistics, Summary
 
 
 @dataclass(frozen=True)
@@ -122,10 +107,11 @@ def _scores(group: Group, quantity: Quantity) -> BySeed:
 
 def _with_failed(judged: Judged, sides: Sequence[Group], statistics: Statistics) -> Judged:
     """The verdict that holds with the failed runs left out as well as counted as 0."""
-    counted = [dict.fromkeys(side.failed_seeds, 0.0) | dict(_scores(side, judged.claim.quantity)) for side in sides]
+    counted = [side.counted(_scores(side, judged.claim.quantity)) for side in sides]
     other = _judge(judged.claim, counted, statistics).verdict
     if other == judged.verdict:
-        return replace(judged, note="the same with failed runs counted as 0")
+        notes = [judged.note, "the same with failed runs counted as 0"]
+        return replace(judged, note="; ".join(note for note in notes if note))
     note = f"{judged.verdict} without the failed runs, {other} with them counted as 0"
     return replace(judged, verdict="not reproduced", note=note)
 
@@ -135,18 +121,26 @@ def _judge(claim: Claim, sides: Sequence[BySeed], statistics: Statistics) -> Jud
     rival = statistics.of(sides[1].values()) if len(sides) > 1 else None
     if ours is None or (len(sides) > 1 and rival is None):
         return Judged(claim)
-    if rival is None:
-        found: tuple[int, float, float | None, float | None] | None = (ours.n, ours.mean, ours.low, ours.high)
-    else:
-        found = statistics.paired(sides[0], sides[1], _ratio if claim.rule == "keeps" else np.subtract)
+    found = _effect(claim, sides, ours, rival, statistics)
     if found is None:
         return Judged(claim, note="no seed in common")
     seeds, effect, low, high = found
-    verdict = _verdict(claim, effect, low, high)
-    note = "one seed has no interval" if seeds == 1 and claim.rule == "above" else ""
+    verdict, note = decide(claim, seeds, effect, low, high)
     return Judged(
         claim, ours=ours, rival=rival, seeds=seeds, effect=effect, low=low, high=high, verdict=verdict, note=note
     )
+
+
+def _effect(
+    claim: Claim, sides: Sequence[BySeed], ours: Summary, rival: Summary | None, statistics: Statistics
+) -> tuple[int, float, float | None, float | None] | None:
+    """Seeds, what decides and its interval."""
+    if rival is None:
+        return ours.n, ours.mean, ours.low, ours.high
+    if claim.rule == "spread":
+        difference = np.nan if ours.std is None or rival.std is None else ours.std - rival.std
+        return min(ours.n, rival.n), difference, None, None
+    return statistics.paired(sides[0], sides[1], _ratio if claim.is_share else np.subtract)
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -154,25 +148,11 @@ def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.divide(a, b)
 
 
-def _verdict(claim: Claim, effect: float, low: float | None, high: float | None) -> str:
-    value = claim.value or 0.0
-    if claim.rule == "above":
-        if low is None or high is None:
-            return "not reproduced"
-        return "reproduced" if low > 0 else "different" if high < 0 else "not reproduced"
-    if claim.rule == "level":
-        within = low is not None and high is not None and low <= value <= high
-        return "reproduced" if within or abs(value - effect) <= NEAR * abs(effect) else "different"
-    if claim.rule == "at most":
-        return "reproduced" if effect <= value else "not reproduced"
-    return "reproduced" if np.isfinite(effect) and effect >= value else "not reproduced"
-
-
 def _error(claim: Claim, estimator: str, error: float) -> Judged:
     """One estimator was trained, so that there is no spread over seeds."""
-    summary = Summary(1, error, None, error, None, None)
-    verdict = _verdict(claim, error, None, None)
-    return Judged(claim, estimator, ours=summary, seeds=1, effect=error, verdict=verdict)
+    summary = Summary(1, error, None, error, None, None, None, None)
+    verdict, note = decide(claim, 1, error, None, None)
+    return Judged(claim, estimator, ours=summary, seeds=1, effect=error, verdict=verdict, note=note)
 
 
 def flat(judged: Sequence[Judged]) -> list[Row]:
@@ -184,8 +164,9 @@ def _flat(each: Judged) -> Row:
     claim, ours = each.claim, each.ours
     row: Row = {key: getattr(claim, key) for key in ("id", "statement", "source", "rule", "quantity", "paper")}
     row |= {key: getattr(each, key) for key in ("name", "misalignment_kind", "treatment", "variant")}
-    for part in ("mean", "low", "high", "iqm"):
-        row[f"ours_{part}"] = None if ours is None else asdict(ours)[part]
-    row["rival_mean"] = None if each.rival is None else each.rival.mean
+    for part in ("mean", "std", "low", "high", "iqm", "iqm_low", "iqm_high"):
+        row[f"ours_{part}"] = None if ours is None else getattr(ours, part)
+    for part in ("mean", "std"):
+        row[f"rival_{part}"] = None if each.rival is None else getattr(each.rival, part)
     row |= {"effect": each.effect, "effect_low": each.low, "effect_high": each.high}
     return row | {key: getattr(each, key) for key in ("seeds", "failed", "verdict", "note")}

@@ -14,6 +14,7 @@ import pyarrow as pa
 from schemas import tables
 from schemas.errors import ArtifactError
 from stages.analyze.catalogue import Artifact, artifacts, check_files
+from stages.analyze.sql_text import literal
 
 _IDENTITY = [("task", pa.string()), ("scheme", pa.string()), ("misalignment_kind", pa.string())]
 _COMMON = [
@@ -87,11 +88,14 @@ _LOGGED = ("complete", "running")
 """Statuses whose files are in the views (SPEC §6): a failed run is listed in `runs`, its logs are in no average."""
 
 
-def connect(data_root: Path, only: Sequence[Artifact] | None = None) -> duckdb.DuckDBPyConnection:
+def connect(
+    data_root: Path, only: Sequence[Artifact] | None = None, *, threads: int | None = None
+) -> duckdb.DuckDBPyConnection:
     """An in-memory database with the views over all artifacts under `data_root`, or over those in `only`.
 
     It reads files below `data_root` only, installs and loads nothing, and its settings are locked. What it may be
     asked is up to `stages.analyze.guard`, since DuckDB has no setting against `COPY … TO` below an allowed directory.
+    With one of `threads` every sum is taken in the same order, so that its answers are the same bits each time.
 
     Raises:
         ArtifactError: an artifact's files are missing, damaged, or of another schema version.
@@ -99,7 +103,7 @@ def connect(data_root: Path, only: Sequence[Artifact] | None = None) -> duckdb.D
     found = list(only) if only is not None else [a for kind in _MANIFEST_VIEWS for a in artifacts(data_root, kind)]  # type: ignore[arg-type]
     for artifact in found:
         check_files(artifact)
-    connection = duckdb.connect(config=_settings())
+    connection = duckdb.connect(config=_settings() | ({"threads": threads} if threads else {}))
     for view, schema in _MANIFEST_VIEWS.items():
         rows = [_row(artifact, schema) for artifact in found if artifact.kind == view]
         _create_table(connection, view, pa.Table.from_pylist(rows, schema=schema))
@@ -123,7 +127,7 @@ def _settings() -> dict[str, str | bool | int | float | list[str]]:
 
 def _confine(connection: duckdb.DuckDBPyConnection, data_root: Path) -> None:
     """From here on only files below the data root (links resolved) are readable, and no setting can be changed."""
-    connection.execute(f"SET allowed_directories = [{_literal(str(data_root.resolve()))}]")
+    connection.execute(f"SET allowed_directories = [{literal(str(data_root.resolve()))}]")
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
 
@@ -138,7 +142,7 @@ def _create_view(connection: duckdb.DuckDBPyConnection, name: str, files: list[P
     if not files:
         _create_table(connection, name, _plain(schema).empty_table())
         return
-    paths = ", ".join(_literal(str(path)) for path in files)
+    paths = ", ".join(literal(str(path)) for path in files)
     try:
         connection.execute(f"CREATE VIEW {name} AS SELECT {', '.join(schema.names)} FROM read_parquet([{paths}])")
     except duckdb.Error as error:
@@ -156,10 +160,6 @@ def _plain_type(kind: pa.DataType) -> pa.DataType:
     if pa.types.is_fixed_size_list(kind):
         return pa.list_(kind.value_type)
     return kind
-
-
-def _literal(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
 
 
 def _row(artifact: Artifact, schema: pa.Schema) -> dict[str, Any]:

@@ -11,7 +11,9 @@ from PIL import Image
 from schemas.progress import Silent
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.run import run
-from tests.analyze.fake_study import write_estimator, write_run, write_switch_study
+from tests.analyze.fake_artifacts import write_estimator
+from tests.analyze.fake_runs import write_run
+from tests.analyze.fake_study import write_switch_study
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH")

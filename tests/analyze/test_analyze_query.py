@@ -13,7 +13,7 @@ import pytest
 from schemas.errors import ArtifactError, ConfigError
 from stages.analyze.query import query, run_sql, write
 from stages.analyze.views import connect
-from tests.analyze.fake_study import write_run
+from tests.analyze.fake_runs import write_run
 
 
 @pytest.fixture

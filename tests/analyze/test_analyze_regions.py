@@ -8,8 +8,9 @@ import pytest
 from schemas import tables
 from schemas.files import write_parquet
 from schemas.progress import Silent
+from stages.analyze.region_sentences import region_sentences
 from stages.analyze.study import ask_all, choose
-from tests.analyze.fake_study import table, write_manifest
+from tests.analyze.fake_artifacts import table, write_manifest
 
 EPISODES = [  # x, y [m], estimation error [m], reward error, return of the oracle and of dense
     (-0.15, -0.15, 0.01, 0.1, 180.0, 175.0),
@@ -64,7 +65,26 @@ def test_lost_return_is_the_oracle_s_from_the_same_start(tmp_path: Path) -> None
 def test_without_an_oracle_nothing_is_known_to_be_lost(tmp_path: Path) -> None:
     write_final(tmp_path, "dense")
     assert [row["lost_return"] for row in answers(tmp_path, "regions")] == [None, None]
+    assert [row["compared"] for row in answers(tmp_path, "regions")] == [0, 0]
     assert answers(tmp_path, "region-correlation") == []
+
+
+def test_only_compared_episodes_are_behind_a_lost_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_final(tmp_path, "dense")
+    monkeypatch.setattr(f"{__name__}.EPISODES", EPISODES[:2])
+    write_final(tmp_path, "oracle")
+    dense = [row for row in answers(tmp_path, "regions") if row["scheme"] == "dense"]
+    assert [(row["episodes"], row["compared"], row["lost_return"]) for row in dense] == [(1, 1, 5.0), (2, 1, 70.0)]
+
+
+def test_regions_are_named_by_enough_compared_episodes() -> None:
+    common = {"name": "main", "task": "reach", "misalignment_kind": "orbit", "misalignment_deg": 5.0, "y": 0.0}
+    common |= {"scheme": "dense", "estimation_error": 0.02, "episodes": 50}
+    made = [
+        common | {"x": x, "lost_return": lost, "compared": n} for x, lost, n in ((0, 1, 10), (0.1, 5, 12), (0.2, 99, 9))
+    ]
+    (sentence,) = region_sentences(made)
+    assert "most is lost at x = +10 cm, y = 0 cm (5.0 of return, estimate 2.0 cm off, 12 episodes)" in sentence
 
 
 def test_correlation_is_of_ranks(tmp_path: Path) -> None:

@@ -4,14 +4,19 @@ import shutil
 from pathlib import Path
 
 import duckdb
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from schemas import tables
 from schemas.errors import ArtifactError
+from schemas.progress import Silent
 from stages.analyze.catalogue import artifacts, select
+from stages.analyze.query import query
+from stages.analyze.study import ask_all, choose
 from stages.analyze.views import VIEWS, connect
-from tests.analyze.fake_study import write_dataset, write_estimator, write_manifest, write_run
+from tests.analyze.fake_artifacts import write_dataset, write_estimator, write_manifest
+from tests.analyze.fake_runs import write_run
 
 
 def ask(root: Path, sql: str) -> list[tuple]:
@@ -204,3 +209,18 @@ def test_python_variables_are_not_tables(tmp_path: Path) -> None:
     assert secret.num_rows
     with connect(tmp_path) as connection, pytest.raises(duckdb.CatalogException):
         connection.execute("SELECT * FROM secret")
+
+
+def test_answers_of_an_analysis_are_the_same_bits_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums of several threads are taken in whatever order they finish; so the analysis asks with one."""
+    write_run(tmp_path)
+    asked = []
+
+    def watched(connection: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchReader:
+        asked.append(connection.execute("SELECT current_setting('threads')").fetchall())
+        return query(connection, sql)
+
+    monkeypatch.setattr("stages.analyze.study.query", watched)
+    ask_all(tmp_path, choose(tmp_path, [], []), 2, Silent())
+    assert len(asked) > 5
+    assert all(setting == [(1,)] for setting in asked)

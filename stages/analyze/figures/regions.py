@@ -77,7 +77,9 @@ def _map(rows: list[Row], quantity: _Quantity, every: Sequence[Row]) -> Callable
         edges = [centimetres(edge) for edge in _edges(every)]
         tooltip = [
             alt.Tooltip("value:Q", format=quantity.format, title=quantity.label),
-            alt.Tooltip("episodes:Q", format=","),
+            alt.Tooltip(
+                "compared:Q" if quantity.column == "lost_return" else "episodes:Q", format=",", title="episodes"
+            ),
         ]
         cells = (
             alt.Chart(data)

@@ -1,0 +1,80 @@
+"""Where the runs differ from the paper's, or settle what it does not say, from their configurations."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any
+
+from stages.analyze import paper
+from stages.analyze.formats import figure
+from stages.analyze.results import Row
+
+
+def deviations(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:
+    """`runs` and `errors` are answers: the main runs, and the error of their estimators by misalignment."""
+    if not runs:
+        return _kinds(runs, errors)
+    return [_world(runs), _training(runs), *_learning(runs), *_kinds(runs, errors)]
+
+
+def _world(runs: Sequence[Row]) -> str:
+    robots = _all(runs, "robot") or ["not recorded"]
+    ranges = [f"± {100 * value:g} cm" for value in _all(runs, "cube_half_range")] or ["not recorded"]
+    return (
+        f"Robot: {' or '.join(map(str, robots))} (the paper: {paper.ROBOT}). The scene is ours, with the cube's start "
+        f"within {' or '.join(ranges)} of the table's centre: the order and the shape of curves can be compared with "
+        "the paper's, levels only roughly."
+    )
+
+
+def _training(runs: Sequence[Row]) -> str:
+    said = _by_task(runs, "training_episodes") or "not recorded"
+    return f"Training episodes: {said} (the paper does not say how many)."
+
+
+def _learning(runs: Sequence[Row]) -> list[str]:
+    lines = []
+    if any(value != paper.DISCOUNT for value in _all(runs, "gamma")):
+        lines.append(f"Discount: {_by_task(runs, 'gamma')} (the paper: {paper.DISCOUNT:g}).")
+    if len(_all(runs, "exploration_noise")) > 1:
+        lines.append(f"Exploration noise: {_by_task(runs, 'exploration_noise')} (the paper gives none).")
+    if any(_all(runs, "preactivation_penalty")):
+        lines.append(
+            f"The actor's output before tanh is penalised, with weight {_by_task(runs, 'preactivation_penalty')}: "
+            "TD3 as published, which the paper names, has no such term."
+        )
+    return lines
+
+
+def _kinds(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:
+    """What each kind of misalignment does to the estimate, for the paper does not say which its shift was."""
+    turned = [run for run in runs if run["misalignment_deg"]]
+    used = _all(turned, "misalignment_kind")
+    lines = [f"The camera is turned by {' or '.join(used)}; the paper does not say how it was."] if used else []
+    ordered = sorted(errors, key=lambda row: row["estimator"])
+    for name, rows in groupby(ordered, key=lambda row: row["estimator"]):
+        told = {(row["misalignment_kind"], row["misalignment_deg"]): row["mean_error"] for row in rows}
+        kinds = sorted({kind for kind, degrees in told if degrees}, key=lambda kind: (kind not in used, kind))
+        if kinds:
+            straight = next((error for (_, degrees), error in told.items() if not degrees), None)
+            said = "; ".join(_kind(kind, kind in used, told) for kind in kinds)
+            lines.append(f"Mean error of the estimator {name}: {figure(straight, 1, 100)} cm as calibrated; {said}.")
+    return lines
+
+
+def _kind(kind: str, used: bool, told: dict[tuple[str, float], float]) -> str:
+    angles = sorted(degrees for each, degrees in told if each == kind and degrees)
+    said = ", ".join(f"{figure(told[kind, degrees], 1, 100)} cm at {degrees:g}°" for degrees in angles)
+    return f"{kind}{' (which the runs have)' if used else ''} {said}"
+
+
+def _all(rows: Sequence[Row], column: str) -> list[Any]:
+    return list(dict.fromkeys(row[column] for row in rows if row[column] is not None))
+
+
+def _by_task(rows: Sequence[Row], column: str) -> str:
+    """`0.9`, or where the tasks differ `reach 0.9, lift 0.97`."""
+    tasks = sorted({row["task"] for row in rows if row["task"]}, key=lambda task: (task != "reach", task))
+    values = {task: _all([row for row in rows if row["task"] == task], column) for task in tasks}
+    said = {task: " or ".join(f"{value:g}" for value in found) for task, found in values.items() if found}
+    same = len(said) == len(tasks) and len(set(said.values())) == 1
+    return next(iter(said.values())) if same else ", ".join(f"{task} {value}" for task, value in said.items())

@@ -1,0 +1,90 @@
+"""provenance.json: what an evidence is from, enough to redo what follows from its answers."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from schemas.manifest import Code, Environment, InputRef
+from stages.analyze import provenance
+from stages.analyze.catalogue import Artifact
+from stages.analyze.config import AnalyzeConfig
+from stages.analyze.figures import cameras
+from stages.analyze.report import Contents
+from stages.analyze.studies import Study
+
+
+class Record(BaseModel):
+    """One artifact as it was when its logs were asked."""
+
+    model_config = ConfigDict(extra="forbid")
+    id: str
+    status: str
+    created_at: str
+    manifest_sha256: str
+    config_sha256: str
+    code: Code
+    environment: int  # place in the list of environments
+    inputs: list[InputRef]
+    error: str | None  # why it failed
+
+
+class Shown(BaseModel):
+    """A figure of the evidence: figures/ID.png and ID.svg."""
+
+    model_config = ConfigDict(extra="forbid")
+    id: str
+    title: str
+    caption: str
+
+
+class Provenance(BaseModel):
+    """Where the answers come from, how they are analysed, and which figures were drawn."""
+
+    model_config = ConfigDict(extra="forbid")
+    analysis: AnalyzeConfig
+    studies: list[dict[str, Any]]
+    left_out: dict[str, int] = {}  # NAME of runs: how many were not finished
+    artifacts: list[Record]
+    environments: list[Environment]
+    figures: list[Shown]
+
+    @property
+    def asked(self) -> list[Study]:
+        """The studies."""
+        return [Study(**study | {"keys": tuple(study["keys"]), "runs": tuple(study["runs"])}) for study in self.studies]
+
+
+def of(contents: Contents) -> Provenance:
+    """What provenance.json says of a report."""
+    selection = contents.selection
+    found = {artifact.id: artifact for artifact in [*selection.datasets, *contents.shown]}
+    environments = provenance.distinct([artifact.manifest.environment for artifact in found.values()])
+    figures = [Shown(id=figure.id, title=figure.title, caption=figure.caption) for figure in contents.figures]
+    if contents.cameras:
+        figures.append(Shown(id=cameras.ID, title=cameras.TITLE, caption=cameras.CAPTION))
+    return Provenance(
+        analysis=contents.config,
+        studies=[asdict(study) for study in selection.studies],
+        left_out=dict(contents.left_out),
+        artifacts=[_record(artifact, environments) for artifact in found.values()],
+        environments=environments,
+        figures=figures,
+    )
+
+
+def _record(artifact: Artifact, environments: Sequence[Environment]) -> Record:
+    manifest = artifact.manifest
+    error = manifest.summary.get("error")
+    return Record(
+        id=artifact.id,
+        status=manifest.status,
+        created_at=manifest.created_at,
+        manifest_sha256=artifact.manifest_sha256,
+        config_sha256=manifest.config_sha256,
+        code=manifest.code,
+        environment=environments.index(manifest.environment),
+        inputs=manifest.inputs,
+        error=None if error is None else str(error),
+    )
