@@ -22,6 +22,9 @@ class TD3Config(Config):
     tau: Annotated[float, Field(gt=0, le=1)] = 0.005
     """Share of the online network in each soft update of the targets."""
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 1e-3
+    learning_rate_end: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Share of the learning rate that is left at the end; it falls linearly over the second half of the training
+    episodes, so that the last policy is not one, lucky or not, of many that differ. 1: constant, as in TD3."""
     hidden: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (256, 256)
     batch_size: Annotated[int, Field(ge=1)] = 256
     policy_delay: Annotated[int, Field(ge=1)] = 2

@@ -11,7 +11,7 @@ from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.schemes import phase
 from stages.policy.seeds import Stream, generator
 from stages.policy.summaries import UpdateWindow
-from stages.policy.td3 import TD3
+from stages.policy.td3 import TD3, annealed
 
 
 class Learner:
@@ -31,7 +31,8 @@ class Learner:
             self._td3.draw(row, config.reset, times=1)
 
     def begin(self, episode: int) -> None:
-        """Start the random streams of a training episode, and empty windows of what is logged."""
+        """Set the learning rate of a training episode, start its random streams, empty the windows of what is logged."""
+        self._td3.set_learning_rate(annealed(self._config.td3, episode / self._config.episodes))
         self._episode = episode
         self._batches = [generator(spec.seed, Stream.BATCH, episode) for spec in self._specs]
         self._noise = [generator(spec.seed, Stream.TARGET_NOISE, episode) for spec in self._specs]

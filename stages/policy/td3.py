@@ -41,6 +41,12 @@ def td_target(reward: Tensor, terminated: Tensor, next_q: Tensor, gamma: float) 
     return reward + gamma * (1 - terminated) * next_q.min(dim=1).values
 
 
+def annealed(config: TD3Config, progress: float) -> float:
+    """Learning rate when the share `progress` in [0, 1) of the training is done: constant, then falling linearly."""
+    fallen = max(0.0, 2.0 * progress - 1.0)
+    return config.learning_rate * (1.0 - fallen * (1.0 - config.learning_rate_end))
+
+
 class TD3:
     """Actors and twin critics of n runs, seeded by run."""
 
@@ -72,6 +78,10 @@ class TD3:
         if networks == "all":
             self.actor[row] = self.actor_target[row] = actor.to(self.device)
             self.actor_optimiser.forget(row)
+
+    def set_learning_rate(self, rate: float) -> None:
+        """Of all networks, from the next update on."""
+        self.actor_optimiser.learning_rate = self.critic_optimiser.learning_rate = rate
 
     @torch.no_grad()
     def act(self, observations: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from schemas.config import Precision
 from stages.policy.config import TD3Config
 from stages.policy.networks import StackedAdam, StackedMLP
 from stages.policy.replay_buffer import ReplayBuffer
-from stages.policy.td3 import TD3, Batch, smoothed_action, td_target
+from stages.policy.td3 import TD3, Batch, annealed, smoothed_action, td_target
 
 SMALL = TD3Config(hidden=(8,), batch_size=4, learning_rate=1e-2, precision="float32")
 
@@ -85,6 +85,26 @@ def test_actor_and_targets_are_updated_every_second_time() -> None:
         after = td3.actor, td3.actor_target, td3.critic
         moved.append([not torch.equal(a, b) for a, b in zip(before, after, strict=True)])
     assert moved == [[False, False, True], [True, True, True]] * 2
+
+
+def test_the_learning_rate_is_constant_and_then_falls_to_its_end() -> None:
+    config = TD3Config(learning_rate=1e-2, learning_rate_end=0.1)
+    assert [annealed(config, progress) for progress in (0.0, 0.5)] == [1e-2, 1e-2]
+    assert annealed(config, 0.75) == pytest.approx(5.5e-3)
+    assert annealed(config, 1.0) == pytest.approx(1e-3)
+    assert annealed(TD3Config(learning_rate_end=1.0), 0.99) == TD3Config().learning_rate
+
+
+def test_the_networks_step_by_the_learning_rate_that_is_set() -> None:
+    """Adam's first step is the learning rate times the gradient's sign."""
+    steps = []
+    for rate in (1e-2, 1e-3):
+        td3 = TD3(SMALL, 3, 2, [0])
+        before = td3.critic.clone()
+        td3.set_learning_rate(rate)
+        td3.update(_batch(1), torch.zeros(1, 4, 2))
+        steps.append(float((td3.critic - before).abs().max()))
+    assert steps == pytest.approx([1e-2, 1e-3], rel=1e-3)
 
 
 def test_soft_update_moves_the_target_by_tau() -> None:
