@@ -31,7 +31,7 @@ class Learner:
             self._td3.draw(row, config.reset, times=1)
 
     def begin(self, episode: int) -> None:
-        """Set the learning rate of a training episode, start its random streams, empty the windows of what is logged."""
+        """Set an episode's learning rate, start its random streams, and empty the windows of what is logged."""
         self._td3.set_learning_rate(annealed(self._config.td3, episode / self._config.episodes))
         self._episode = episode
         self._batches = [generator(spec.seed, Stream.BATCH, episode) for spec in self._specs]
