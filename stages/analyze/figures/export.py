@@ -35,14 +35,19 @@ def write(figure: Figure, directory: Path) -> None:
     specification = file_specification(figure)
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
     svg = vl_convert.vegalite_to_svg(specification, vl_version=version)
-    write_both(svg, directory, figure.id)
+    write_both(svg, directory, figure.id, photographs=False)
 
 
-def write_both(svg: str, directory: Path, id: str) -> None:
-    """Write `directory`/ID.svg and the picture of it as ID.png, whose palette keeps it small enough to commit."""
+def write_both(svg: str, directory: Path, id: str, *, photographs: bool) -> None:
+    """Write `directory`/ID.svg and the picture of it as ID.png, small enough to commit.
+
+    A chart has few colours, and a palette of them; in a photograph a palette loses those of what is small.
+    """
     write_bytes(svg.encode(), directory / f"{id}.svg")
     stream = BytesIO()
     with Image.open(BytesIO(vl_convert.svg_to_png(svg, scale=_PNG_SCALE))) as image:
-        palette = image.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        palette.save(stream, "PNG", optimize=True)
+        colours = image.convert("RGB")
+        if not photographs:
+            colours = colours.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        colours.save(stream, "PNG", optimize=True)
     write_bytes(stream.getvalue(), directory / f"{id}.png")
