@@ -171,15 +171,25 @@ if __name__ == "__main__":
 """
 
 
+def started(command: list[object], **options: Any) -> subprocess.Popen[str]:
+    """A process with a session of its own that hears Ctrl-C, also where the tests run in the background of a shell."""
+    return subprocess.Popen(
+        [str(part) for part in command],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        **options,
+    )
+
+
 def test_interrupt_keeps_finished_episodes_and_leaves_no_half_ones(tmp_path: Path) -> None:
     script = tmp_path / "collect.py"
     script.write_text(INTERRUPTED)
     out = tmp_path / "out"
     out.mkdir()
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    process = subprocess.Popen(
-        [sys.executable, script, out], env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    process = started([sys.executable, script, out], env=environment)
     try:
         while process.poll() is None and not list(out.glob("episodes/*.mcap")):
             time.sleep(0.05)
@@ -204,9 +214,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[int]:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers in /proc")
 def test_interrupt_while_the_workers_start(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pipeline", "collect", "--data", tmp_path, "--set", "collect.workers=2"]
-    process = subprocess.Popen(
-        command, cwd=Path(__file__).parents[2], stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    process = started(command, cwd=Path(__file__).parents[2])
     try:
         while process.poll() is None and len(workers_of(process)) < 2:
             time.sleep(0.01)

@@ -68,7 +68,7 @@ def test_the_actors_loss_is_minus_the_first_critics_value_plus_the_penalty_on_it
     before = _apply(td3.actor_net, actor, batch.observation)
     q = _apply(td3.critic_net, critic, torch.cat([batch.observation, before.tanh()], dim=2))
     loss = -q.mean() + penalty * before.square().mean()
-    assert float(metrics[2]) == pytest.approx(float(loss), rel=1e-5)
+    assert float(metrics[2]) == pytest.approx(loss.item(), rel=1e-5)
     (gradient,) = torch.autograd.grad(loss, actor)
     clear = gradient.abs() > 1e-5
     step = (td3.actor - actor)[clear]
