@@ -1,0 +1,173 @@
+"""The training loop on fake worlds: resuming changes nothing, and a run that fails takes no other with it."""
+
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from schemas.errors import ArtifactError, ConfigError, MachineError
+from schemas.progress import Silent
+from stages.policy import checkpoint, train
+from stages.policy.checkpoint import Position
+from stages.policy.loop import Lockstep
+from stages.policy.resources import Resources
+from stages.policy.td3 import TD3
+from tests.policy.small_training import CONFIG, everything, run_specs, trained, transitions
+
+
+class _StopError(Exception):
+    pass
+
+
+@pytest.mark.usefixtures("fake")
+class TestResume:
+    @pytest.mark.parametrize("buffer", ["keep", "relabel", "empty"])
+    @pytest.mark.parametrize("stop_after", [1, 6, 14, 19])
+    def test_resumed_equals_uninterrupted(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_after: int, buffer: str
+    ) -> None:
+        """Going on from nothing, from before the switch (2), from after it (6) and from the final evaluation.
+
+        Rollouts come as 2 training and 2 evaluation episodes in turn, ten of each, then the final ones.
+        """
+        config = CONFIG.model_copy(update={"buffer": buffer, "reset": "critics", "episodes": 10, "final_episodes": 5})
+        schemes = ("dense2sparse", "dense")
+        whole, broken = run_specs(tmp_path / "whole", schemes, config), run_specs(tmp_path / "broken", schemes, config)
+        trained(whole)
+        calls, original = [], Lockstep._rollout
+
+        def stopping(self: Lockstep, *arguments: object) -> None:
+            calls.append(arguments)
+            if len(calls) > stop_after:
+                raise _StopError
+            original(self, *arguments)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "_rollout", stopping)
+        with pytest.raises(_StopError):
+            trained(broken)
+        resume_points = {1: [], 6: [2], 14: [4, 6], 19: [6, 8]}
+        assert [point.episodes for point in checkpoint.available(broken[0].out)] == resume_points[stop_after]
+        monkeypatch.setattr(Lockstep, "_rollout", original)
+        trained(broken)
+        for one, other in zip(whole, broken, strict=True):
+            assert everything(one) == everything(other)
+
+    def test_runs_killed_one_checkpoint_apart_go_on_from_the_older(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Killed while the second run's checkpoint at 4 was to be written: both go on from 2, and end the same."""
+        whole, broken = (run_specs(tmp_path / name, ("dense", "sparse")) for name in ("whole", "broken"))
+        trained(whole)
+        original = checkpoint.save
+
+        def killed(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+            if position.episodes == 4 and row == 1:
+                raise _StopError
+            original(out, position, td3, row, counts)
+
+        monkeypatch.setattr(checkpoint, "save", killed)
+        with pytest.raises(_StopError):
+            trained(broken)
+        assert [[p.episodes for p in checkpoint.available(spec.out)] for spec in broken] == [[2, 4], [2]]
+        monkeypatch.setattr(checkpoint, "save", original)
+        trained(broken)
+        assert [everything(spec) for spec in whole] == [everything(spec) for spec in broken]
+
+    def test_a_run_that_ended_is_not_trained_again(self, tmp_path: Path) -> None:
+        """Killed after the policy was kept and before the manifest said so: the result is there, the files stay."""
+        [spec] = run_specs(tmp_path, ("dense",))
+        [result] = trained([spec])
+        before = {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+        assert trained([spec]) == [result]
+        assert before == {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+
+    def test_results_come_as_soon_as_a_group_has_ended(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """An interruption in the second group leaves the first group's results as they are."""
+        specs = run_specs(tmp_path / "a", ("dense",))
+        specs += run_specs(tmp_path / "b", ("dense",), CONFIG.model_copy(update={"episodes": 8}))
+        original, results = Lockstep.train_episode, []
+
+        def stopping(self: Lockstep, episode: int, task: object) -> None:
+            if self.config.episodes == 8:
+                raise KeyboardInterrupt
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            train.run(specs, Path("e"), resources=Resources(processes=1), finished=results.append, progress=Silent())
+        assert [result.run_id for result in results] == [specs[0].run_id]
+
+    def test_a_damaged_checkpoint_is_a_clear_error(self, tmp_path: Path) -> None:
+        [spec] = run_specs(tmp_path, ("dense",))
+        directory = spec.out / "checkpoints" / "000002-000000"
+        directory.mkdir(parents=True)
+        (directory / "td3.safetensors").write_bytes(b"not a checkpoint")
+        with pytest.raises(ArtifactError, match="checkpoint .*000002-000000 cannot be read"):
+            trained([spec])
+
+
+class TestFailures:
+    def test_an_unstable_run_ends_and_its_neighbours_go_on(self, tmp_path: Path, fake: dict[int, int]) -> None:
+        fake[1] = 3
+        specs = run_specs(tmp_path, ("dense", "sparse", "oracle"))
+        results = trained(specs)
+        assert [result.status for result in results] == ["complete", "failed", "complete"]
+        assert "unstable in train episode 0, step 3" in (results[1].error or "")
+        assert not list((specs[1].out / "transitions").glob("*")), "an episode that diverged is not data"
+        assert results[0].summary["episodes"] == 6
+
+    def test_when_every_run_fails_it_stops_and_keeps_what_was_finished(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]
+    ) -> None:
+        [spec] = run_specs(tmp_path, ("dense",))
+        original = Lockstep.train_episode
+
+        def third_diverges(self: Lockstep, episode: int, task: object) -> None:
+            if episode == 3:
+                fake[0] = 2
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", third_diverges)
+        [result] = trained([spec])
+        assert result.status == "failed" and "train episode 3, step 2" in (result.error or "")
+        rows = transitions(spec)
+        assert set(rows["episode"][rows["split"] == "train"]) == {0, 1, 2}
+        assert result.summary["episodes"] == 3
+
+    def test_a_failed_run_resumes_from_its_checkpoint(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]
+    ) -> None:
+        """Episodes after the checkpoint are run again, not learnt from twice."""
+        [whole], [broken] = (run_specs(tmp_path / name, ("dense2sparse",)) for name in ("whole", "broken"))
+        trained([whole])
+        original = Lockstep.train_episode
+
+        def fourth_diverges(self: Lockstep, episode: int, task: object) -> None:
+            if episode == 3:
+                fake[0] = 2
+            original(self, episode, task)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Lockstep, "train_episode", fourth_diverges)
+        assert trained([broken])[0].status == "failed"
+        monkeypatch.setattr(Lockstep, "train_episode", original)
+        fake.clear()
+        assert trained([broken])[0].status == "complete"
+        assert everything(whole) == everything(broken)
+
+    @pytest.mark.usefixtures("fake")
+    def test_without_an_estimator_only_the_oracle_trains(self, tmp_path: Path) -> None:
+        with pytest.raises(ConfigError, match="--estimator"):
+            trained(run_specs(tmp_path, ("dense",)), estimator=False)
+        [spec] = run_specs(tmp_path, ("oracle",))
+        [result] = trained([spec], estimator=False)
+        rows = pq.read_table(spec.out / "episodes.parquet").to_pylist()
+        assert result.status == "complete" and all(row["return_dense_est"] is None for row in rows)
+
+    def test_no_gpu_is_exit_4(self, tmp_path: Path) -> None:
+        import torch
+
+        if torch.cuda.is_available():
+            pytest.skip("this machine has a GPU")
+        with pytest.raises(MachineError, match="no GPU"):
+            specs = run_specs(tmp_path, ("oracle",))
+            train.run(specs, None, resources=Resources("cuda"), finished=print, progress=Silent())
