@@ -187,3 +187,12 @@ def test_emptying_the_buffer_pauses_learning_until_there_is_data(tmp_path: Path)
     Schedule(lockstep, td3, [spec], lockstep.logs).run(Position(0, 0), Silent())
     # 5 learning episodes of 6 steps, less the first step after the switch
     assert td3.updates.item() == 5 * HORIZON - 1
+
+
+def test_the_learning_rate_falls_while_a_run_trains(tmp_path: Path) -> None:
+    """Of 6 episodes the last begins when 5/6 are done: two thirds of the fall to a tenth, 1 − 2/3 · 0.9 = 0.4."""
+    [spec] = run_specs(tmp_path, ("dense",))
+    td3, buffer = TD3(CONFIG.td3, 24, 7, [0]), ReplayBuffer(1, 100, 24, 7)
+    lockstep = Lockstep([spec], FakeWorlds(1), FakeEstimator(), td3, buffer, [RunLog(spec, 24, 7)])
+    Schedule(lockstep, td3, [spec], lockstep.logs).run(Position(0, 0), Silent())
+    assert td3.actor_optimiser.learning_rate == pytest.approx(0.4 * CONFIG.td3.learning_rate)
