@@ -20,8 +20,14 @@ COMMANDS = {
     ),
     "run": LazyCommand("pipeline.commands.run:run", "All four stages of a profile, doing only what is missing."),
     "sql": LazyCommand("pipeline.commands.sql:sql", "Ask SQL over all logs."),
+    "compare": LazyCommand(
+        "pipeline.commands.compare:compare", "Compare runs: intervals, probability of improvement, settings."
+    ),
     "view": LazyCommand("pipeline.commands.view:view", "Open an artifact in the Rerun viewer, or save it for later."),
     "replay": LazyCommand("pipeline.commands.replay:replay", "Re-simulate a logged episode and prove it identical."),
+    "relabel": LazyCommand(
+        "pipeline.commands.relabel:relabel", "Give logged transitions the rewards of another scheme or estimator."
+    ),
     "list": LazyCommand("pipeline.commands.list:list_artifacts", "List the artifacts that are there."),
     "show": LazyCommand("pipeline.commands.show:show", "Show one artifact with its lineage back to the first input."),
     "doctor": LazyCommand("pipeline.commands.doctor:doctor", "Check GL, GPU, disk and versions; say what to install."),

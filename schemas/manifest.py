@@ -11,7 +11,7 @@ from schemas.tables import SCHEMA_VERSION
 
 MANIFEST = "manifest.json"
 
-Stage = Literal["collect", "train-perception", "train-policy", "analyze"]
+Stage = Literal["collect", "train-perception", "train-policy", "relabel", "analyze"]
 Status = Literal["running", "complete", "failed"]
 
 

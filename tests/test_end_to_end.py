@@ -129,6 +129,38 @@ def test_a_logged_episode_replays_identically(root: Path) -> None:
         assert result["identical"] is True
 
 
+def test_an_episode_estimated_again_by_its_own_estimator_is_what_was_logged(root: Path) -> None:
+    for scheme in ("dense", "oracle"):
+        result = _answer(root, "replay", _cell(scheme), "--episode", "1", "--estimator", "tiny")["what_if"]
+        assert result["moved"] < 1e-5
+        assert result["return_dense_est"] == pytest.approx(result["return_dense_est_logged"], abs=1e-3)
+    turned = _answer(root, "replay", _cell("dense"), "--episode", "1", "--misalignment", "60")["what_if"]
+    assert turned["moved"] > 0.001 and turned["estimated_by"] == "tiny from orbit 60°"
+
+
+def test_new_labels_by_the_same_estimator_are_the_old_ones(root: Path) -> None:
+    [cell] = _answer(root, "relabel", _cell("dense"), "--scheme", "dense", "--estimator", "tiny")["cells"]
+    assert cell["id"] == "relabels/tiny-dense-tiny/reach-dense-orbit05-seed0"
+    sql = f"""SELECT count(*), max(abs(a.reward_used - b.reward_used)),
+              max(list_max(list_transform(range(1, 25), lambda i: abs(a.observation[i] - b.observation[i]))))
+              FROM transitions a JOIN relabelled_transitions b USING (split, episode, step)
+              WHERE a.run = '{_cell("dense")}'"""
+    [(count, reward, observation)] = _query(root, sql)
+    assert count == (TRAIN + TRAIN // 2 + FINAL) * HORIZON
+    assert reward < 1e-4 and observation < 1e-4
+
+
+def test_learning_from_logs_alone(root: Path) -> None:
+    sparse = _answer(root, "relabel", _cell("dense"), "--scheme", "sparse", "--name", "as-sparse")["cells"][0]["id"]
+    arguments = ["train-policy", "--profile", "demo", "--name", "from-logs", "--offline", sparse, *SETTINGS]
+    [cell] = _answer(root, *arguments, "--set", "policy.td3.behaviour_cloning=2.5")["cells"]
+    assert cell["id"] == "runs/from-logs/reach-sparse-orbit05-seed0"
+    counts = dict(_query(root, "SELECT split, count(*)::INT FROM episodes WHERE run LIKE 'from-logs/%' GROUP BY ALL"))
+    assert counts == {"eval": TRAIN // 2, "final": FINAL}
+    lineage = [each["id"] for each in _answer(root, "show", cell["id"])["lineage"]["inputs"]]
+    assert lineage == ["estimators/tiny", sparse]
+
+
 def test_a_tampered_log_is_found_out(root: Path, tmp_path: Path) -> None:
     copy = tmp_path / "data"
     shutil.copytree(root, copy)

@@ -79,9 +79,9 @@ def resolve(root: Path, reference: str, kinds: tuple[str, ...] = tuple(STAGE_OF)
 
 
 def _means(text: str, artifact_id: str) -> bool:
-    """A reference means NAME, NAME/CELL, CELL or, for every cell of a group of runs, runs/NAME."""
+    """A reference means NAME, NAME/CELL, CELL or, for every cell of a group, KIND/NAME."""
     kind, *names = artifact_id.split("/")
-    return text in ("/".join(names), names[0], names[-1]) or (kind == "runs" and text == f"runs/{names[0]}")
+    return text in ("/".join(names), names[0], names[-1]) or (depth(kind) == 2 and text == f"{kind}/{names[0]}")
 
 
 @dataclass(frozen=True)

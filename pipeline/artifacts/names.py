@@ -10,6 +10,7 @@ STAGE_OF: dict[str, Stage] = {
     "datasets": "collect",
     "estimators": "train-perception",
     "runs": "train-policy",
+    "relabels": "relabel",
     "reports": "analyze",
 }
 """Kind of artifact → the stage that makes it."""
@@ -34,14 +35,14 @@ def split_id(artifact_id: str) -> tuple[str, tuple[str, ...]]:
     if kind not in STAGE_OF:
         raise ConfigError(unknown_choice("kind of artifact", kind, STAGE_OF))
     if len(names) != depth(kind):
-        form = "runs/NAME/CELL" if kind == "runs" else f"{kind}/NAME"
+        form = f"{kind}/NAME/CELL" if depth(kind) == 2 else f"{kind}/NAME"
         raise ConfigError(f"{artifact_id!r} does not name one artifact; the form is {form}")
     return kind, tuple(check_name(name) for name in names)
 
 
 def depth(kind: str) -> int:
-    """How many names identify an artifact of this kind: a run has two, NAME/CELL."""
-    return 2 if kind == "runs" else 1
+    """How many names identify an artifact of this kind: a run, or its new labels, has two, NAME/CELL."""
+    return 2 if kind in ("runs", "relabels") else 1
 
 
 def artifact_path(root: Path, artifact_id: str) -> Path:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.commands.options import StageOptions
+from pipeline.commands.options import Place, StageOptions
 from pipeline.output import console, note, print_json, table
 from pipeline.steps.session import Outcome, Session
 from pipeline.units import duration, figure
@@ -77,6 +77,18 @@ def show_cells(options: StageOptions, command: str, outcomes: Sequence[Outcome])
         print_json({"command": command, "status": "complete", "cells": [each.as_json() for each in outcomes]})
     elif not options.quiet and not options.as_json:
         console().print(results_table(outcomes))
+
+
+def show_labels(options: Place, outcomes: Sequence[Outcome]) -> None:
+    """What `relabel` made of each run."""
+    if options.as_json:
+        print_json({"command": "relabel", "status": "complete", "cells": [each.as_json() for each in outcomes]})
+    elif not options.quiet:
+        made = table("labels", "", "#transitions", "#mean reward used", "#estimation error [m]")
+        for outcome in outcomes:
+            figures = (outcome.summary.get(key) for key in ("transitions", "mean_reward_used", "estimation_error"))
+            made.add_row(outcome.id, _WORDS[outcome.did], *map(figure, figures))
+        console().print(made)
 
 
 def results_table(outcomes: Sequence[Outcome]) -> Any:

@@ -2,12 +2,19 @@
 
 import json
 import sys
+from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from pipeline.commands.options import Place, place_options
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stages.analyze.describe import Column
 
 FORMATS = ("table", "csv", "json", "parquet")
 
@@ -16,29 +23,38 @@ FORMATS = ("table", "csv", "json", "parquet")
     epilog="""\b
 Example:
   pipeline sql "SELECT run, final_return, final_success_rate FROM runs ORDER BY run"
+  pipeline sql "FROM return_by_scheme()"
   pipeline sql question.sql --format parquet -o answer.parquet
+  pipeline sql - < question.sql
+  pipeline sql --schema transitions
 """
 )
 @place_options
-@click.argument("query", metavar="QUERY|FILE.sql")
+@click.argument("query", metavar="QUERY|FILE.sql|-", required=False)
 @click.option("--format", "format_", type=click.Choice(FORMATS), help="How to print the rows.  [default: table]")
 @click.option(
     "-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="File to write instead of stdout."
 )
-def sql(options: Place, query: str, format_: str | None, output: Path | None) -> None:
+@click.option("--schema", is_flag=True, help="Show the views with their columns, and the macros; of one VIEW only.")
+def sql(options: Place, query: str | None, format_: str | None, output: Path | None, schema: bool) -> None:
     """Ask SQL over all logs.
 
-    Views: runs, episodes, transitions, evaluations, updates, datasets, frames, estimators, epochs, predictions.
-    DuckDB's dialect; reading only. With --json: one object {"rows": […]}.
+    Views: runs, episodes, transitions, evaluations, updates, datasets, frames, estimators, epochs, predictions;
+    macros for the usual questions: `--schema` lists both. DuckDB's dialect; reading only. The query is an argument, a
+    file, or comes on stdin. With --json: one object {"rows": […]}.
     """
     from schemas.errors import ArtifactError, ConfigError
-    from stages.analyze.query import run_sql
 
+    if schema:
+        _show_schema(options, query)
+        return
     if not options.data.is_dir():
         raise ArtifactError(f"no data root {options.data}: run `pipeline run demo` first, or name another with --data")
     if options.as_json and (format_ or output):
         raise ConfigError("--json prints one object: leave out --format and -o, or use --format json")
     text = _text(query)
+    from stages.analyze.query import run_sql
+
     if not options.as_json:
         run_sql(options.data, text, format_ or _format_of(output), output, sys.stdout)
         return
@@ -47,16 +63,57 @@ def sql(options: Place, query: str, format_: str | None, output: Path | None) ->
     click.echo(json.dumps({"rows": json.loads(buffer.getvalue())}, ensure_ascii=False))
 
 
+def _show_schema(options: Place, view: str | None) -> None:
+    """All views and macros, or one view."""
+    from rich.markup import escape
+
+    from pipeline.output import console, print_json
+    from schemas.errors import ConfigError, unknown_choice
+    from stages.analyze.describe import views
+    from stages.analyze.macros import macros
+
+    known = views()
+    if view is not None and view not in known:
+        raise ConfigError(unknown_choice("view", view, known))
+    chosen = {view: known[view]} if view else known
+    called = () if view else macros()
+    if options.as_json:
+        columns = {name: [asdict(column) for column in listed] for name, listed in chosen.items()}
+        print_json({"views": columns, "macros": [asdict(macro) for macro in called]})
+        return
+    for name, listed in chosen.items():
+        console().print(_view_table(name, listed), "")
+    for macro in called:
+        console().print(
+            f"[bold]{escape(macro.signature)}[/]  {escape(macro.meaning)}\n  [dim]{escape(macro.example)}[/]"
+        )
+
+
+def _view_table(name: str, columns: "list[Column]") -> "Table":
+    from rich.markup import escape
+
+    from pipeline.output import table
+
+    made = table("column", "type", "meaning", title=f"[bold]{name}[/]")
+    for column in columns:
+        made.add_row(column.name, escape(column.type), escape(column.meaning))
+    return made
+
+
 def _format_of(output: Path | None) -> str:
     """The format that a file's name asks for."""
     suffix = output.suffix.removeprefix(".") if output else ""
     return suffix if suffix in FORMATS else "table"
 
 
-def _text(query: str) -> str:
-    """The query, or what the file holds that it names."""
+def _text(query: str | None) -> str:
+    """The query, what the file holds that it names, or what comes on stdin."""
     from schemas.errors import ConfigError
 
+    if query is None and sys.stdin.isatty():
+        raise ConfigError('no query: give one ("SELECT …"), a FILE.sql, or pipe one in; --schema shows what there is')
+    if query is None or query == "-":
+        return sys.stdin.read()
     if not query.endswith(".sql"):
         return query
     try:

@@ -11,35 +11,53 @@ from pipeline.commands.options import StageOptions, stage_options
 Example:
   pipeline train-policy --profile demo
   pipeline train-policy --name sweep --estimator demo --set policy.schemes='["dense"]' --set policy.seeds='[0, 1]'
+  pipeline train-policy --name cloned --offline demo --set policy.td3.behaviour_cloning=2.5
 """,
 )
 @stage_options
 @click.option(
     "--estimator", metavar="NAME", help="Estimator in the loop; oracles alone need none.  [default: the same name]"
 )
-def train_policy(options: StageOptions, estimator: str | None) -> None:
+@click.option(
+    "--offline",
+    multiple=True,
+    metavar="RUN",
+    help="Learn from the transitions of this run (or relabels/…) alone; repeatable.",
+)
+def train_policy(options: StageOptions, estimator: str | None, offline: tuple[str, ...]) -> None:
     """Train a run or a matrix of runs, logging every transition.
 
     Writes runs/NAME/TASK-SCHEME-KINDDEG-seedN for every cell of tasks × schemes × misalignments × seeds in [policy].
     Complete cells are left alone; interrupted ones need --resume.
+
+    With --offline nothing is tried out: TD3 (TD3+BC with policy.td3.behaviour_cloning) learns from the training
+    transitions of the runs named, and is evaluated in their world. Tasks, schemes, misalignments, estimator and world
+    are theirs; runs that differ only in the seed are one source. An episode is then as many updates as it has steps.
     """
     from pipeline.artifacts.names import check_name
     from pipeline.commands.results import failure_message, session, show_cells, show_plan
+    from pipeline.steps import offline as from_logs
     from pipeline.steps import policy as step
     from pipeline.steps.perception import require_robot
     from pipeline.steps.session import planned
-    from schemas.errors import MachineError
+    from schemas.errors import ConfigError, MachineError
 
-    work = session(options)
-    wanted = estimator or (options.artifact_name if step.estimator_needed(work) else None)
-    source = check_name(wanted.removeprefix("estimators/")) if wanted else None
-    if source:
-        require_robot(work, source)
+    work, name = session(options), options.artifact_name
+    if offline:
+        if estimator:
+            raise ConfigError("--offline: the estimator is the one of the runs; leave --estimator out")
+        matrices, source = from_logs.matrices(work, name, offline)
+    else:
+        matrices = [step.Matrix(work, name)]
+        wanted = estimator or (name if step.estimator_needed(work) else None)
+        source = check_name(wanted.removeprefix("estimators/")) if wanted else None
+        if source:
+            require_robot(work, source)
     if options.dry_run:
-        asked = step.requests(work, options.artifact_name, source)
-        show_plan(options, "train-policy", [planned(work, request) for _, request in asked])
+        asked = [(matrix, request) for matrix in matrices for _, request in step.requests(matrix, source)]
+        show_plan(options, "train-policy", [planned(matrix.session, request) for matrix, request in asked])
         return
-    outcomes = step.train_policy([step.Matrix(work, options.artifact_name)], source)
+    outcomes = step.train_policy(matrices, source)
     show_cells(options, "train-policy", outcomes)
     if message := failure_message(outcomes):
         raise MachineError(message)

@@ -99,9 +99,9 @@ def _matrices(session: Session, name: str, asked: Sequence[str]) -> list[Matrix]
 
 def _check(matrices: Sequence[Matrix], estimator: str) -> None:
     """Refuse what the last matrix would be refused for before the first is trained."""
-    for session, run in matrices:
-        perception.require_robot(session, estimator)
-        policy.check(session, run, estimator)
+    for matrix in matrices:
+        perception.require_robot(matrix.session, estimator)
+        policy.check(matrix, estimator)
 
 
 def _cells(session: Session, name: str) -> list[str]:
@@ -122,13 +122,14 @@ def plan(session: Session, name: str, asked: Sequence[str] = ()) -> list[dict[st
         *_planned(session, [f"estimators/{name}"], lambda: [perception.request(session, name, name)]),
     ]
     matrices = _matrices(session, name, asked)
-    for its, run in matrices:
-        steps += _planned(its, _cells(its, run), partial(_requests, its, run, name))
+    for matrix in matrices:
+        ids = _cells(matrix.session, matrix.name)
+        steps += _planned(matrix.session, ids, partial(_requests, matrix, name))
     return [*steps, *_planned_report(session, name, matrices)]
 
 
-def _requests(session: Session, name: str, estimator: str) -> list[Request]:
-    return [request for _, request in policy.requests(session, name, estimator)]
+def _requests(matrix: Matrix, estimator: str) -> list[Request]:
+    return [request for _, request in policy.requests(matrix, estimator)]
 
 
 def _planned_report(session: Session, name: str, matrices: Sequence[Matrix]) -> list[dict[str, Any]]:
@@ -136,7 +137,7 @@ def _planned_report(session: Session, name: str, matrices: Sequence[Matrix]) -> 
 
     def requests() -> list[Request]:
         subject = analyze.subject(session, _cells(session, name), [name], base=name)
-        wanted = {each for its, run in matrices[1:] for each in _cells(its, run)}
+        wanted = {each for matrix in matrices[1:] for each in _cells(matrix.session, matrix.name)}
         if not wanted <= set(subject.studies.runs):
             raise ArtifactError("not all runs of the studies are finished", awaited=True)
         left_out.extend(subject.left_out)

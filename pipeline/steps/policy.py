@@ -24,6 +24,8 @@ class Matrix(NamedTuple):
 
     session: Session
     name: str
+    sources: tuple[str, ...] = ()
+    """Ids of runs or of new labels from whose transitions alone it learns; none: from its own steps."""
 
 
 class Work(NamedTuple):
@@ -43,23 +45,26 @@ def estimator_needed(session: Session) -> bool:
     return any(cell.scheme != "oracle" for cell in cells(session.config.policy))
 
 
-def requests(session: Session, name: str, estimator: str | None) -> list[tuple[Cell, Request]]:
+def requests(matrix: Matrix, estimator: str | None) -> list[tuple[Cell, Request]]:
     """Every cell of the matrix and the artifact it becomes.
 
     With an estimator all cells use it: an oracle does not act on it, but logs what it would have been told.
     """
-    inputs = [session.pin(f"estimators/{estimator}")] if estimator else []
-    return [(cell, _request(session, name, cell, estimator, inputs)) for cell in cells(session.config.policy)]
+    session = matrix.session
+    ids = [*([f"estimators/{estimator}"] if estimator else []), *matrix.sources]
+    inputs = [session.pin(each) for each in ids]
+    return [(cell, _request(matrix, cell, estimator, inputs)) for cell in cells(session.config.policy)]
 
 
-def _request(session: Session, name: str, cell: Cell, estimator: str | None, inputs: list[InputRef]) -> Request:
+def _request(matrix: Matrix, cell: Cell, estimator: str | None, inputs: list[InputRef]) -> Request:
     config = {
-        "world": session.config.world.model_dump(mode="json"),
+        "world": matrix.session.config.world.model_dump(mode="json"),
         "policy": cell.config.model_dump(mode="json"),
         "run": cell.identity,
         "estimator": estimator,
+        **({"sources": list(matrix.sources)} if matrix.sources else {}),
     }
-    return Request(f"runs/{name}/{cell.name}", config, inputs)
+    return Request(f"runs/{matrix.name}/{cell.name}", config, inputs)
 
 
 def space_needed(work: Sequence[Work]) -> int:
@@ -73,17 +78,17 @@ def _episodes(cell: Cell) -> int:
     return config.episodes + evaluations * config.eval_episodes + config.final_episodes
 
 
-def check(session: Session, name: str, estimator: str | None) -> list[tuple[Cell, Request]]:
+def check(matrix: Matrix, estimator: str | None) -> list[tuple[Cell, Request]]:
     """The requests, none of which is refused: a name taken by another config shows before any cell is begun."""
-    asked = requests(session, name, estimator)
+    asked = requests(matrix, estimator)
     for _, request in asked:
-        session.store.existing(request, session.resume)
+        matrix.session.store.existing(request, matrix.session.resume)
     return asked
 
 
 def train_policy(matrices: Sequence[Matrix], estimator: str | None) -> list[Outcome]:
     """Train the cells that are not complete, all together; a cell that fails does not stop the others."""
-    asked = [(matrix, cell, request) for matrix in matrices for cell, request in check(*matrix, estimator)]
+    asked = [(matrix, cell, request) for matrix in matrices for cell, request in check(matrix, estimator)]
     outcomes: dict[str, Outcome] = {}
     with ExitStack() as stack:
         work: list[Work] = []
@@ -148,6 +153,7 @@ def _spec(item: Work) -> "RunSpec":
         world=item.matrix.session.config.world,
         config=cell.config,
         out=item.build.path,
+        sources=tuple(item.matrix.session.store.path(each) for each in item.matrix.sources),
     )
 
 

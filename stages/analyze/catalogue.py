@@ -10,9 +10,9 @@ from typing import Literal
 from schemas.errors import ArtifactError
 from schemas.manifest import MANIFEST, Manifest, parse_manifest
 
-Kind = Literal["datasets", "estimators", "runs"]
+Kind = Literal["datasets", "estimators", "runs", "relabels"]
 
-_DEPTH: dict[Kind, int] = {"datasets": 1, "estimators": 1, "runs": 2}  # directories below data/KIND
+_DEPTH: dict[Kind, int] = {"datasets": 1, "estimators": 1, "runs": 2, "relabels": 2}  # directories below data/KIND
 _UNFINISHED = (".tmp", ".partial")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import duckdb
 
 from schemas.errors import ConfigError, unknown_choice
+from stages.analyze import macros
 
 _ALLOWED = "allowed: one SELECT, WITH, FROM, VALUES, DESCRIBE, SUMMARIZE, SHOW or EXPLAIN statement"
 _READING_NODES = {"SELECT_NODE", "SET_OPERATION_NODE", "RECURSIVE_CTE_NODE", "CTE_NODE"}
@@ -67,8 +68,9 @@ def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
             raise ConfigError(f"SQL: {verb} is refused, the logs are read-only; {_ALLOWED}")
         if kind == "TABLE_FUNCTION":
             name = str(node["function"].get("function_name")).lower()
-            if name not in _TABLE_FUNCTIONS:
-                raise ConfigError(f"SQL: {unknown_choice('table function', name, _TABLE_FUNCTIONS)}")
+            valid = _TABLE_FUNCTIONS | {macro.name for macro in macros.macros() if macro.is_table}
+            if name not in valid:
+                raise ConfigError(f"SQL: {unknown_choice('table function', name, valid)}")
 
 
 def _nodes(tree: Any) -> Iterator[dict[str, Any]]:

@@ -23,15 +23,12 @@ WHERE {every}
 ORDER BY run
 """
 
-OUTCOMES = f"""
+OUTCOMES = """
 -- where each run ended: its final evaluation, or the last one made while training
-SELECT run, {_GROUP}, seed, split, after_episode, episodes,
+SELECT run, name, task, misalignment_kind, misalignment_deg, scheme, seed, split, after_episode, episodes,
        mean_return, success_rate, mean_steps_to_success, mean_estimation_error
-FROM evaluations
-WHERE {{runs}}
-QUALIFY row_number() OVER (
-    PARTITION BY run ORDER BY split = 'final' DESC, after_episode DESC, evaluation DESC
-) = 1
+FROM outcomes()
+WHERE {runs}
 ORDER BY run
 """
 

@@ -7,13 +7,32 @@ from pathlib import Path
 import duckdb
 
 from schemas.errors import ArtifactError, ConfigError
-from schemas.progress import Progress, Task
+from schemas.progress import Progress, Silent, Task
 from stages.analyze import questions, region_questions, study_questions
 from stages.analyze.catalogue import Artifact, artifacts, select
 from stages.analyze.query import query
 from stages.analyze.results import Answer, Row
 from stages.analyze.studies import Study
 from stages.analyze.views import connect
+
+_OF_RUNS = {
+    "outcomes": questions.OUTCOMES,
+    "learning-curves": questions.LEARNING_CURVES,
+    "learning-area": questions.LEARNING_AREA,
+    "switches": questions.SWITCHES,
+    "switch-effect": questions.SWITCH_EFFECT,
+    "reward-error": questions.REWARD_ERROR,
+    "regions": region_questions.REGIONS,
+    "region-correlation": region_questions.REGION_CORRELATION,
+    "volume": questions.VOLUME,
+    "extreme-episodes": questions.EXTREME_EPISODES,
+}
+_OF_ESTIMATORS = {
+    "estimators": questions.ESTIMATORS,
+    "estimator-epochs": questions.EPOCHS,
+    "estimator-misalignment": questions.MISALIGNMENT,
+}
+_OF_EVERY = {"runs": questions.RUNS}
 
 
 @dataclass(frozen=True)
@@ -98,27 +117,19 @@ def ask_all(data_root: Path, selection: Selection, recordings: int, progress: Pr
         return answers | _answers(data_root, selection.every_run, of_studies, task)
 
 
+def ask(data_root: Path, runs: Sequence[Artifact], names: Sequence[str]) -> dict[str, Answer]:
+    """Some of the report's questions, by name, asked of these runs alone."""
+    main = questions.named(runs, artifacts(data_root, "runs"))
+    blanks = {"main": main, "every": main, "runs": questions.logged(main)}
+    texts = {name: (_OF_RUNS | _OF_EVERY)[name] for name in names}
+    with Silent().task("queries", len(names)) as task:
+        return _answers(data_root, runs, _filled(texts, blanks), task)
+
+
 def _questions(selection: Selection) -> tuple[dict[str, str], dict[str, str]]:
     """Questions about the main artifacts, and those that concern the studies too."""
-    of_runs = {
-        "outcomes": questions.OUTCOMES,
-        "learning-curves": questions.LEARNING_CURVES,
-        "learning-area": questions.LEARNING_AREA,
-        "switches": questions.SWITCHES,
-        "switch-effect": questions.SWITCH_EFFECT,
-        "reward-error": questions.REWARD_ERROR,
-        "regions": region_questions.REGIONS,
-        "region-correlation": region_questions.REGION_CORRELATION,
-        "volume": questions.VOLUME,
-        "extreme-episodes": questions.EXTREME_EPISODES,
-    }
-    of_estimators = {
-        "estimators": questions.ESTIMATORS,
-        "estimator-epochs": questions.EPOCHS,
-        "estimator-misalignment": questions.MISALIGNMENT,
-    }
-    of_main = (of_runs if selection.runs else {}) | (of_estimators if selection.estimators else {})
-    of_every = {"runs": questions.RUNS} if selection.every_run else {}
+    of_main = (_OF_RUNS if selection.runs else {}) | (_OF_ESTIMATORS if selection.estimators else {})
+    of_every = _OF_EVERY if selection.every_run else {}
     return of_main, of_every | ({"study-outcomes": study_questions.STUDY_OUTCOMES} if selection.studies else {})
 
 

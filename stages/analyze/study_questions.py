@@ -11,21 +11,13 @@ WITH member (study, name, main) AS (VALUES {members}),
 candidate AS (SELECT * FROM runs JOIN member USING (name) WHERE {every}),
 setting AS (
     SELECT DISTINCT study, task, scheme, misalignment_kind, misalignment_deg FROM candidate WHERE NOT main
-),
-outcome AS (
-    SELECT run, split, after_episode, episodes,
-           mean_return, success_rate, mean_steps_to_success, mean_estimation_error
-    FROM evaluations
-    QUALIFY row_number() OVER (
-        PARTITION BY run ORDER BY split = 'final' DESC, after_episode DESC, evaluation DESC
-    ) = 1
 )
 SELECT c.study, c.main, c.run, c.name, c.task, c.misalignment_kind, c.misalignment_deg, c.scheme, c.seed,
        c.status, o.split, o.after_episode, o.episodes,
        o.mean_return, o.success_rate, o.mean_steps_to_success, o.mean_estimation_error, c.config
 FROM candidate AS c
 JOIN setting USING (study, task, scheme, misalignment_kind, misalignment_deg)
-LEFT JOIN outcome AS o ON o.run = c.run
+LEFT JOIN outcomes() AS o ON o.run = c.run
 ORDER BY c.study, c.main, c.run
 """
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from schemas import tables
 from schemas.errors import ArtifactError
+from stages.analyze import macros
 from stages.analyze.catalogue import Artifact, artifacts, check_files
 from stages.analyze.sql_text import literal
 
@@ -49,6 +50,21 @@ RUNS = pa.schema(
         *_PROVENANCE,
     ]
 )
+RELABELS = pa.schema(
+    [
+        ("relabel", pa.string()),  # NAME/CELL
+        ("source", pa.string()),  # the run
+        *_IDENTITY,
+        ("misalignment_deg", pa.float32()),
+        ("seed", pa.int32()),
+        *_COMMON,
+        ("estimator", pa.string()),
+        ("transitions", pa.int64()),
+        ("mean_reward_used", pa.float64()),
+        ("estimation_error", pa.float64()),
+        *_PROVENANCE,
+    ]
+)
 DATASETS = pa.schema(
     [
         ("dataset", pa.string()),
@@ -73,12 +89,14 @@ ESTIMATORS = pa.schema(
     ]
 )
 
-_MANIFEST_VIEWS = {"runs": RUNS, "datasets": DATASETS, "estimators": ESTIMATORS}
+_MANIFEST_VIEWS = {"runs": RUNS, "relabels": RELABELS, "datasets": DATASETS, "estimators": ESTIMATORS}
 _FILE_VIEWS: dict[str, tuple[str, str, pa.Schema]] = {  # view: kind of artifact, files, schema
     "episodes": ("runs", "episodes.parquet", tables.EPISODES),
     "transitions": ("runs", "transitions/part-*.parquet", tables.transitions(1, 1)),
     "evaluations": ("runs", "evaluations.parquet", tables.EVALUATIONS),
     "updates": ("runs", "updates.parquet", tables.UPDATES),
+    "relabelled_episodes": ("relabels", "episodes.parquet", tables.EPISODES),
+    "relabelled_transitions": ("relabels", "transitions/part-*.parquet", tables.transitions(1, 1)),
     "frames": ("datasets", "frames.parquet", tables.FRAMES),
     "epochs": ("estimators", "epochs.parquet", tables.EPOCHS),
     "predictions": ("estimators", "predictions.parquet", tables.PREDICTIONS),
@@ -110,6 +128,7 @@ def connect(
     for view, (kind, pattern, schema) in _FILE_VIEWS.items():
         files = [p for a in found if a.kind == kind and a.manifest.status in _LOGGED for p in a.parquet(pattern)]
         _create_view(connection, view, files, schema)
+    macros.define(connection)
     _confine(connection, data_root)
     return connection
 
@@ -170,7 +189,8 @@ def _row(artifact: Artifact, schema: pa.Schema) -> dict[str, Any]:
         artifact.kind.removesuffix("s"): artifact.name,
         "name": name,
         "cell": cell,
-        "estimator": manifest.config.get("estimator") if artifact.kind == "runs" else artifact.name,
+        "source": manifest.config.get("source"),
+        "estimator": artifact.name if artifact.kind == "estimators" else manifest.config.get("estimator"),
         "status": manifest.status,
         "created_at": _utc(manifest.created_at),
         "config": json.dumps(manifest.config),
@@ -180,7 +200,7 @@ def _row(artifact: Artifact, schema: pa.Schema) -> dict[str, Any]:
     }
     if artifact.kind == "estimators":
         known["dataset"] = next((i.id.removeprefix("datasets/") for i in manifest.inputs), None)
-    identity = manifest.config.get("run", {}) if artifact.kind == "runs" else {}
+    identity = manifest.config.get("run", {})
     values = {**manifest.summary, **identity, **known}
     return {field.name: _of_type(values.get(field.name), field.type) for field in schema}
 

@@ -119,10 +119,19 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _cell(value: Any) -> str:
+    text = _shown(value)
+    return text if len(text) <= CELL_WIDTH else text[: CELL_WIDTH - 1] + "…"
+
+
+def _shown(value: Any) -> str:
+    """A value as people read it: six digits of a number, also of one in a list."""
     if value is None:
         return "·"
-    text = f"{value:.6g}" if isinstance(value, float) else str(_text(value))
-    return text if len(text) <= CELL_WIDTH else text[: CELL_WIDTH - 1] + "…"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_shown, value))}]"
+    return str(_text(value))
 
 
 def _text(value: Any) -> Any:

@@ -37,6 +37,9 @@ class TD3Config(Config):
     preactivation_penalty: Annotated[float, Field(ge=0)] = 0.1
     """Weight in the actor's loss of its squared output before tanh, which it keeps from saturating (Andrychowicz et al.
     2017, hindsight experience replay, appendix A); 0: plain TD3."""
+    behaviour_cloning: Annotated[float, Field(gt=0)] | None = None
+    """TD3+BC (Fujimoto & Gu 2021), for learning from logs alone: weight α of the value, scaled to a mean of 1, against
+    staying close to the logged actions; theirs is 2.5. Observations are not normalised. None: plain TD3."""
     buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
     precision: Precision = "bfloat16"
@@ -120,6 +123,8 @@ class RunSpec:
     world: WorldConfig
     config: RunConfig
     out: Path
+    sources: tuple[Path, ...] = ()
+    """Directories of logged transitions to learn from alone; none: from its own steps in the world."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from schemas.progress import Progress, Task
 from stages.memory import keep_freed_memory
 from stages.perception.estimator import Estimator
-from stages.policy import checkpoint
+from stages.policy import checkpoint, offline
 from stages.policy.checkpoint import Position
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.log import RunLog
@@ -33,7 +33,8 @@ def train_group(group: list[RunSpec], estimator: Path | None, share: Share, prog
     try:
         dims = observation_dim(first.config.proprioception), worlds.action_dim
         td3 = TD3(first.config.td3, *dims, [spec.seed for spec in group], share.device)
-        capacity = min(first.config.td3.buffer_size, first.config.episodes * first.world.horizon)
+        room = max(offline.count(spec.sources) for spec in group) or first.config.episodes * first.world.horizon
+        capacity = min(first.config.td3.buffer_size, room)
         buffer = ReplayBuffer(len(group), capacity, *dims)
         logs = [RunLog(spec, *dims) for spec in group]
         position = _resume(group, td3, buffer, logs)
@@ -59,11 +60,14 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
     common = set.intersection(*(set(checkpoint.available(spec.out)) for spec in group))
     position = max(common, default=START)
     for row, (spec, log) in enumerate(zip(group, logs, strict=True)):
+        if spec.sources:
+            offline.fill(buffer, row, spec.sources)
         if position == START:
             log.restore({"parts": 0, "episodes": 0, "evaluations": 0, "updates": 0})
             continue
         log.restore(checkpoint.load(spec.out, position, td3, row).counts)
-        _refill(buffer, row, spec, log, position.episodes)
+        if not spec.sources:
+            _refill(buffer, row, spec, log, position.episodes)
     return position
 
 
@@ -102,7 +106,10 @@ class Schedule:
 
     def _train(self, episode: int, task: Task) -> None:
         config, done = self._config, episode + 1
-        self._lockstep.train_episode(episode, task)
+        if self._group[0].sources:
+            self._lockstep.learn_episode(episode, task)
+        else:
+            self._lockstep.train_episode(episode, task)
         if done % config.eval_every == 0:
             first = (done // config.eval_every - 1) * config.eval_episodes
             self._lockstep.evaluate("eval", first, config.eval_episodes, done, task)

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from schemas import tables
+from schemas.arrays import constant, to_arrow, to_numpy
 from schemas.errors import ArtifactError
 from schemas.files import fsync_directory, write_parquet
 from stages.policy.config import RunSpec
@@ -122,7 +123,7 @@ class RunLog:
         parts = [_read(path) for path in self._paths()]
         table = pa.concat_tables(parts) if parts else self._schema.empty_table()
         table = table.filter(pa.compute.equal(table["split"].cast(pa.string()), "train")).select(columns)
-        return {name: _to_numpy(table[name]) for name in columns}
+        return {name: to_numpy(table[name]) for name in columns}
 
     @property
     def _directory(self) -> Path:
@@ -204,11 +205,11 @@ def _transitions_table(
     arrays = []
     for field in schema:
         if field.name in identity:
-            arrays.append(_constant(field.type, identity[field.name], total))
+            arrays.append(constant(field.type, identity[field.name], total))
         elif field.name in words:
             arrays.append(_words(words[field.name], lengths))
         else:
-            arrays.append(_array(field.type, joined[field.name]))
+            arrays.append(to_arrow(field.type, joined[field.name]))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
@@ -217,29 +218,6 @@ def _words(values: list[str], lengths: np.ndarray) -> pa.Array:
     known = list(dict.fromkeys(values))
     codes = np.array([known.index(value) for value in values], np.int32)
     return pa.DictionaryArray.from_arrays(pa.array(np.repeat(codes, lengths), pa.int32()), pa.array(known))
-
-
-def _constant(kind: pa.DataType, value: Any, length: int) -> pa.Array:
-    if pa.types.is_dictionary(kind):
-        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(length, np.int32), pa.int32()), pa.array([value]))
-    return pa.array(np.full(length, value, kind.to_pandas_dtype()), kind)
-
-
-def _array(kind: pa.DataType, values: np.ndarray) -> pa.Array:
-    """NaN, which only a missing estimate gives, becomes null."""
-    if pa.types.is_fixed_size_list(kind):
-        return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel(), type=kind.value_type), type=kind)
-    if pa.types.is_floating(kind):
-        return pa.array(values.astype(kind.to_pandas_dtype()), type=kind, from_pandas=True)
-    return pa.array(values.astype(kind.to_pandas_dtype()), type=kind)
-
-
-def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
-    combined = column.combine_chunks()
-    if pa.types.is_fixed_size_list(column.type):
-        flat = combined.flatten().to_numpy(zero_copy_only=False)
-        return flat.reshape(-1, column.type.list_size)
-    return combined.to_numpy(zero_copy_only=False)
 
 
 def _read(path: Path) -> pa.Table:

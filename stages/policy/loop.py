@@ -93,6 +93,17 @@ class Lockstep:
         self._learner.begin(episode)
         self._rollout(_Episode("train", episode, episode, self._exploration(episode), learning), task)
 
+    def learn_episode(self, episode: int, task: Task) -> None:
+        """As many updates as a training episode has steps, from what the buffers hold; no step in the world."""
+        torch.set_num_threads(self._threads)
+        started = time.perf_counter()
+        self._learner.begin(episode)
+        for step in range(self.horizon):
+            self._learner.learn(self.alive, step)
+        self._learner.end(self.alive)
+        task.advance()
+        task.note(f"{len(self.alive) * self.horizon / (time.perf_counter() - started):.0f} updates/s")
+
     def evaluate(self, split: str, first: int, count: int, after_episode: int, task: Task) -> None:
         """`count` episodes without exploration noise, logged but not learnt from."""
         noise = np.zeros((len(self.specs), self.horizon, self._worlds.action_dim), np.float32)

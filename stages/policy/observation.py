@@ -21,3 +21,12 @@ def observe(states: np.ndarray, cubes: np.ndarray, proprioception: str) -> np.nd
     if proprioception == "forward_kinematics":
         parts += [states["eef"], cubes - states["eef"]]
     return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
+
+
+def with_cube(observations: np.ndarray, cubes: np.ndarray) -> np.ndarray:
+    """The same observations (n, dim) float32 of cubes (n, 3) [m] elsewhere."""
+    changed = observations.copy()
+    changed[:, :3] = cubes
+    if observations.shape[1] == FORWARD_KINEMATICS_DIM:
+        changed[:, -3:] = cubes - observations[:, JOINTS_DIM : JOINTS_DIM + 3]
+    return changed

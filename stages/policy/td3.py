@@ -41,6 +41,15 @@ def td_target(reward: Tensor, terminated: Tensor, next_q: Tensor, gamma: float) 
     return reward + gamma * (1 - terminated) * next_q.min(dim=1).values
 
 
+def cloning_loss(q: Tensor, action: Tensor, logged: Tensor, alpha: float) -> Tensor:
+    """TD3+BC (Fujimoto & Gu 2021, equations 3 to 5): −α q / mean|q| + (action − logged)², means over the batch: (k,).
+
+    Values q (k, b), actions (k, b, a).
+    """
+    scale = alpha / q.detach().abs().mean(dim=1)
+    return -scale * q.mean(dim=1) + (action - logged).square().mean(dim=2).mean(dim=1)
+
+
 def annealed(config: TD3Config, progress: float) -> float:
     """Learning rate when the share `progress` in [0, 1) of the training is done: constant, then falling linearly."""
     fallen = max(0.0, 2.0 * progress - 1.0)
@@ -140,6 +149,8 @@ class TD3:
         q = self.critic_net.forward(first, torch.cat([observation, action], dim=2))[..., 0]
         penalty = self.config.preactivation_penalty * before.square().mean(dim=2).mean(dim=1)
         loss = -q.mean(dim=1) + penalty  # (k,)
+        if self.config.behaviour_cloning is not None:
+            loss = penalty + cloning_loss(q, action, _of(batch.action, rows), self.config.behaviour_cloning)
         gradient = self._actor_gradient[: len(rows)]
         self.actor_net.flatten(list(torch.autograd.grad(loss.sum(), layers)), gradient)
         self.actor_optimiser.step(gradient, rows)

@@ -64,7 +64,8 @@ def groups(specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
     """Split into lists that step in lockstep: same task, world, resume point, and configuration but for the switch."""
     alike: dict[Any, list[RunSpec]] = {}
     for spec in specs:
-        alike.setdefault((spec.task, spec.world, _but_for_the_switch(spec.config)), []).append(spec)
+        own = spec.task, spec.world, _but_for_the_switch(spec.config), bool(spec.sources)
+        alike.setdefault(own, []).append(spec)
     return [part for group in alike.values() for part in _by_resume_point(group)]
 
 

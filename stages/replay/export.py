@@ -1,14 +1,18 @@
 """Files of a replayed episode for other programs: MCAP for Foxglove and Rerun, MP4 for everyone."""
 
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from schemas.errors import ConfigError, MachineError, unknown_choice
 from stages.replay.frames import AS_THE_RUN, View, run_camera
-from stages.replay.logs import load_episode
+from stages.replay.logs import LoggedEpisode, load_episode
 from stages.replay.mcap_export import write_mcap
 from stages.replay.proof import ReplayResult
 from stages.replay.recording import write_track
-from stages.replay.rollout import roll_out
+from stages.replay.reestimate import Eye, WhatIf, reestimate, what_if
+from stages.replay.rollout import Rollout, roll_out
 from stages.replay.run_track import run_track
 from stages.replay.video import write_mp4
 
@@ -27,19 +31,41 @@ def check_target(save: Path) -> None:
         raise ConfigError(f"--save {save}: there is no directory {save.parent}")
 
 
-def export_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
-    """Replay a run's episode and write it to `save` in the format of its ending.
+class Exported(NamedTuple):
+    """Whether the replay is the logged episode, and what an estimator made of it."""
 
-    `view` is the camera of its frames; the estimates in it are those that were logged.
+    result: ReplayResult
+    what_if: WhatIf | None
+
+
+def export_episode(
+    run_dir: Path, split: str, episode: int, save: Path | None, *, view: View = AS_THE_RUN, eye: Eye | None = None
+) -> Exported:
+    """Replay a run's episode before a camera and write it to `save`, if anywhere, in the format of its ending.
+
+    `view` is the camera of its frames. The estimates in it are those that were logged; with an `eye` they are made
+    again from what that camera sees, and the rewards that follow from them.
 
     Raises:
-        ConfigError: see `check_target`.
+        ConfigError: see `check_target`, or the view is of no camera that could be.
         ArtifactError: the episode, its run or its estimator is missing or damaged.
         MachineError: there is no OpenGL to render with, or no space.
     """
-    check_target(save)
+    if save:
+        check_target(save)
     logged = load_episode(run_dir, split, episode)
-    rollout = roll_out(logged, run_camera(logged, view))
+    rollout = roll_out(logged, run_camera(logged, view), eye.image_size if eye else None)
+    outcome = None
+    if eye:
+        estimate = eye.predict(np.stack(rollout.seen[1:]))
+        again = reestimate(logged, estimate, f"{eye.name} from {rollout.camera.misalignment}")
+        outcome, logged = what_if(logged, again), again
+    if save:
+        _write(logged, rollout, save)
+    return Exported(rollout.result, outcome)
+
+
+def _write(logged: LoggedEpisode, rollout: Rollout, save: Path) -> None:
     try:
         if save.suffix == ".rrd":
             write_track(run_track(logged, rollout), save)
@@ -49,4 +75,3 @@ def export_episode(run_dir: Path, split: str, episode: int, save: Path, *, view:
             write_mp4(rollout.frames, save)
     except OSError as error:
         raise MachineError(f"cannot write {save}: {error.strerror or error}") from error
-    return rollout.result

@@ -1,13 +1,15 @@
 """What the camera of a run saw: frames of a replayed episode, from the camera the policy was given."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from schemas.errors import ArtifactError
+from schemas.errors import ArtifactError, ConfigError, unknown_choice
 from schemas.images import ImageFormat
 from stages.replay.logs import LoggedEpisode
 from stages.sim.camera import CameraPose, Intrinsics, intrinsics, misaligned, nominal_pose
@@ -18,11 +20,13 @@ _LOSSLESS_UP_TO = 128  # [pixels]; 200 such frames are 5 MB
 
 @dataclass(frozen=True)
 class View:
-    """What a replay is shown from; None: as in the run. The logged estimates are what they were, whatever is shown."""
+    """What a replay is shown from; None: as in the run."""
 
     image_size: int | None = None  # [pixels]
     misalignment_kind: MisalignmentKind | None = None
     misalignment_deg: float | None = None
+    camera: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `CameraConfig` that are others than the estimator's."""
 
 
 AS_THE_RUN = View()
@@ -61,13 +65,24 @@ def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN) -> Camera:
 
     Raises:
         ArtifactError: the run's estimator is gone or damaged.
+        ConfigError: the view is of no camera that could be.
     """
-    config, identity = _nominal(logged), logged.manifest.config["run"]
-    if view.image_size is not None:
-        config = config.model_copy(update={"image_size": view.image_size})
+    config, identity = _changed(_nominal(logged), view), logged.manifest.config["run"]
     kind = view.misalignment_kind or identity["misalignment_kind"]
     degrees = float(identity["misalignment_deg"] if view.misalignment_deg is None else view.misalignment_deg)
     return Camera(config, misaligned(nominal_pose(config), kind, degrees, np.array(config.target)), kind, degrees)
+
+
+def _changed(config: CameraConfig, view: View) -> CameraConfig:
+    changes = {**view.camera, **({} if view.image_size is None else {"image_size": view.image_size})}
+    try:
+        return CameraConfig.model_validate(config.model_dump() | changes)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        key = ".".join(map(str, problem["loc"]))
+        if problem["type"] == "extra_forbidden":
+            raise ConfigError(unknown_choice("camera setting", key, CameraConfig.model_fields)) from error
+        raise ConfigError(f"camera setting {key}: {problem['msg']}") from error
 
 
 def _nominal(logged: LoggedEpisode) -> CameraConfig:

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
+from schemas.arrays import to_numpy
 from schemas.errors import ArtifactError
 from schemas.manifest import Manifest, read_manifest
 from schemas.tables import EPISODES, transitions
@@ -28,6 +29,7 @@ class LoggedEpisode:
     summary: dict[str, Any]  # the episode's row of episodes.parquet
     initial_state: np.ndarray  # (k,) float64, MuJoCo integration state
     final_state: np.ndarray  # (k,) float64, the same after the last step
+    reestimated: str | None = None  # by whom and from where the estimates were made again; None: they are the logged
 
     @property
     def steps(self) -> int:
@@ -59,16 +61,37 @@ def load_episode(run_dir: Path, split: str, episode: int) -> LoggedEpisode:
     if manifest.stage != "train-policy":
         raise ArtifactError(f"{run_dir} is an artifact of {manifest.stage}, not a run")
     summary = _episode_summary(run_dir, split, episode)
-    rows = _transitions(run_dir, split, episode)
+    return episode_of(run_dir, manifest, _transitions(run_dir, split, episode), summary)
+
+
+def episode_of(
+    run_dir: Path, manifest: Manifest, rows: dict[str, np.ndarray], summary: dict[str, Any]
+) -> LoggedEpisode:
+    """An episode whose rows and summary have been read.
+
+    Raises:
+        ArtifactError: they do not agree.
+    """
+    split, episode = summary["split"], summary["episode"]
     _check_complete(run_dir, split, episode, rows, summary)
-    states = (np.array(summary[name], dtype=np.float64) for name in ("initial_state", "final_state"))
-    return LoggedEpisode(run_dir, manifest, split, episode, rows, summary, *states)
+    initial, final = (np.array(summary[name], dtype=np.float64) for name in ("initial_state", "final_state"))
+    return LoggedEpisode(run_dir, manifest, split, episode, rows, summary, initial, final)
 
 
-def _episode_summary(run_dir: Path, split: str, episode: int) -> dict[str, Any]:
+def read_episodes(run_dir: Path) -> pa.Table:
+    """episodes.parquet.
+
+    Raises:
+        ArtifactError: it is missing, damaged or of another schema.
+    """
     path = run_dir / "episodes.parquet"
     table = read_parquet(path, f"{run_dir} has logged no episode yet")
     check_schema(table.schema, EPISODES, path)
+    return table
+
+
+def _episode_summary(run_dir: Path, split: str, episode: int) -> dict[str, Any]:
+    table = read_episodes(run_dir)
     of_split = np.array(table["split"].to_pylist(), dtype=str) == split
     found = np.flatnonzero(of_split & (table["episode"].to_numpy() == episode))
     if not len(found):
@@ -92,14 +115,15 @@ def _transitions(run_dir: Path, split: str, episode: int) -> dict[str, np.ndarra
         raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: the run was logged elsewhere or cut short")
     wanted = (ds.field("split").cast(pa.string()) == split) & (ds.field("episode") == episode)
     for part in parts:
-        _check_part(part)
+        check_part(part)
         table = reading(part, partial(ds.dataset(part, format="parquet").to_table, filter=wanted))
         if table.num_rows:
-            return _columns(table.sort_by("step"))
+            return columns(table.sort_by("step"))
     raise ArtifactError(f"{run_dir}: episodes.parquet names {split} episode {episode}, but no transitions part has it")
 
 
-def _check_part(path: Path) -> None:
+def check_part(path: Path) -> None:
+    """Pass if a file of transitions has the columns of its schema; ArtifactError names those it lacks."""
     schema = reading(path, lambda: pq.read_schema(path))
     try:
         sizes = schema.field("observation").type.list_size, schema.field("action").type.list_size
@@ -108,16 +132,9 @@ def _check_part(path: Path) -> None:
     check_schema(schema, transitions(*sizes), path)
 
 
-def _columns(table: pa.Table) -> dict[str, np.ndarray]:
-    return {name: _column(table[name].combine_chunks()) for name in table.column_names}
-
-
-def _column(array: pa.Array) -> np.ndarray:
-    if pa.types.is_fixed_size_list(array.type):
-        return array.flatten().to_numpy().reshape(len(array), array.type.list_size)
-    if pa.types.is_dictionary(array.type):
-        return np.array(array.to_pylist(), dtype=str)
-    return array.to_numpy(zero_copy_only=False)  # nulls of a float column become NaN
+def columns(table: pa.Table) -> dict[str, np.ndarray]:
+    """A table of transitions by column: (n,) or (n, d)."""
+    return {name: to_numpy(table[name]) for name in table.column_names}
 
 
 def _check_complete(

@@ -1,5 +1,6 @@
 """A logged episode played again before a camera."""
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from stages.replay.logs import LoggedEpisode
 from stages.replay.proof import ReplayResult, compare
 from stages.replay.simulate import Trajectory, scene_of, simulate
 from stages.replay.track import Pose
+from stages.sim.camera import CameraPose
 from stages.sim.renderer import Renderer
 from stages.sim.scene import Scene
 from stages.sim.world import World
@@ -26,10 +28,13 @@ class Rollout:
     integration_states: np.ndarray  # (n + 1, k), MuJoCo's
     links: dict[str, Pose]  # of every body
     frames: list[np.ndarray]  # each (H, W, 3) uint8
+    seen: list[np.ndarray]  # the same in the size that an estimator takes
 
 
-def roll_out(logged: LoggedEpisode, camera: Camera | None = None) -> Rollout:
+def roll_out(logged: LoggedEpisode, camera: Camera | None = None, estimator_size: int | None = None) -> Rollout:
     """Replay an episode with frames from `camera`, by default the run's own.
+
+    With an `estimator_size` [pixels] of its own an estimator looks through the same camera.
 
     Raises:
         ArtifactError: the run's estimator is gone, or the initial state is of another scene.
@@ -40,18 +45,35 @@ def roll_out(logged: LoggedEpisode, camera: Camera | None = None) -> Rollout:
     integration_states: list[np.ndarray] = []
     poses: list[dict[str, tuple[np.ndarray, np.ndarray]]] = []
     frames: list[np.ndarray] = []
-    with Renderer(scene, camera.config.image_size, camera.config.fovy) as renderer:
+    seen: list[np.ndarray] = []
+    with ExitStack() as stack:
+        renderer = stack.enter_context(Renderer(scene, camera.config.image_size, camera.config.fovy))
+        eye = None
+        if estimator_size not in (None, camera.config.image_size):
+            eye = stack.enter_context(Renderer(scene, estimator_size, camera.config.fovy))
 
         def watch(world: World) -> None:
             qpos.append(world.qpos_full())
             integration_states.append(world.integration_state())
             poses.append(world.link_poses())
             frames.append(renderer.render(qpos[-1], camera.pose))
+            seen.append(eye.render(qpos[-1], camera.pose) if eye else frames[-1])
 
         trajectory = simulate(logged, watch)
     result = compare(logged, trajectory)
     states = np.array(integration_states)
-    return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), frames)
+    return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), frames, seen)
+
+
+def look(logged: LoggedEpisode, renderer: Renderer, pose: CameraPose) -> np.ndarray:
+    """Frames (n + 1, H, W, 3) uint8 of the replayed states, the initial one first.
+
+    Raises:
+        ArtifactError: the initial state is of another scene.
+    """
+    frames: list[np.ndarray] = []
+    simulate(logged, lambda world: frames.append(renderer.render(world.qpos_full(), pose)))
+    return np.stack(frames)
 
 
 def _by_link(poses: list[dict[str, tuple[np.ndarray, np.ndarray]]]) -> dict[str, Pose]:

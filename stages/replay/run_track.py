@@ -64,7 +64,7 @@ def _description(logged: LoggedEpisode, rollout: Rollout) -> str:
         "return, dense true": f"{summary['return_dense_true']:.1f}",
         "return given to TD3": f"{summary['return_used']:.1f}",
         "camera": f"{rollout.camera.config.image_size}², {rollout.camera.misalignment}",
-        "estimator": logged.manifest.config.get("estimator") or "none (true state)",
+        "estimator": logged.reestimated or logged.manifest.config.get("estimator") or "none (true state)",
         "replay": rollout.result.message(),
     }
     return "\n".join(

@@ -147,9 +147,9 @@ def replayed(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             steps_per_second=1000.0,
         )
 
-    def export(path: Path, split: str, episode: int, save: Path, view: View) -> Any:
+    def export(path: Path, split: str, episode: int, save: Path, view: View, eye: Any) -> Any:
         save.write_text(f"{view.image_size}")
-        return proof(path, split, episode)
+        return proof(path, split, episode), eye
 
     monkeypatch.setattr("stages.replay.proof.replay", proof)
     monkeypatch.setattr("stages.replay.export.export_episode", export)

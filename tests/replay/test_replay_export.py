@@ -20,7 +20,7 @@ from stages.replay.video import write_mp4
 @pytest.fixture(scope="module")
 def mcap(run_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("exports") / "e.mcap"
-    assert export_episode(run_dir, "final", 1, path).identical
+    assert export_episode(run_dir, "final", 1, path).result.identical
     return path
 
 

@@ -186,7 +186,7 @@ def _manifest(task: str) -> dict[str, Any]:
         "created_at": "2026-01-01T00:00:00+00:00",
         "config": {
             "world": WorldConfig().model_dump(),
-            "policy": {},
+            "policy": {"switch_episode": 0},
             "run": run | {"task": task},
             "estimator": ESTIMATOR,
         },

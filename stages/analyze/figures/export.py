@@ -8,12 +8,15 @@ import altair as alt
 import vl_convert
 from PIL import Image
 
+from schemas.errors import ConfigError, unknown_choice
 from schemas.files import write_bytes
 from stages.analyze.figures import theme
 from stages.analyze.figures.figure import Figure
 
 _PANEL = {"width": 270, "height": 210}  # pixels
 _PNG_SCALE = 2.0
+_VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+FIGURE_SUFFIXES = (".html", ".png", ".svg")
 
 
 def page_specification(figure: Figure) -> list[dict[str, Any]]:
@@ -32,10 +35,28 @@ def file_specification(figure: Figure) -> dict[str, Any]:
 
 def write(figure: Figure, directory: Path) -> None:
     """Write `directory`/ID.svg and ID.png."""
-    specification = file_specification(figure)
-    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
-    svg = vl_convert.vegalite_to_svg(specification, vl_version=version)
-    write_both(svg, directory, figure.id, photographs=False)
+    write_both(_svg(figure), directory, figure.id, photographs=False)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write one file: .svg, .png, or .html that opens offline and shows numbers under the pointer.
+
+    Raises:
+        ConfigError: another suffix.
+    """
+    if path.suffix == ".svg":
+        write_bytes(_svg(figure).encode(), path)
+    elif path.suffix == ".png":
+        write_bytes(vl_convert.svg_to_png(_svg(figure), scale=_PNG_SCALE), path)
+    elif path.suffix == ".html":
+        page = vl_convert.vegalite_to_html(file_specification(figure), vl_version=_VERSION, bundle=True)
+        write_bytes(page.encode(), path)
+    else:
+        raise ConfigError(unknown_choice("suffix of a figure", path.suffix, FIGURE_SUFFIXES))
+
+
+def _svg(figure: Figure) -> str:
+    return str(vl_convert.vegalite_to_svg(file_specification(figure), vl_version=_VERSION))
 
 
 def write_both(svg: str, directory: Path, id: str, *, photographs: bool) -> None:

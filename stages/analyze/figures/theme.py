@@ -13,6 +13,8 @@ _SHAPES = {"oracle": "diamond", "dense2sparse": "circle", "dense": "square", "sp
 
 SERIES = ("#7a68d8", "#c2508f", "#d98a1f", "#4d9aa8", "#808890")
 """Of what is no scheme: splits, misalignments. None of the schemes' colours but the grey."""
+MORE_SERIES = ("#a3586d", "#5b8c5a", "#b5a642", "#3f6fb5", "#8c6d46")
+"""Where there are more of them than `SERIES` has."""
 
 _LIGHT = {"text": "#1f2328", "muted": "#59636e", "line": "#d1d9e0", "grid": "#e9edf1"}
 _DARK = {"text": "#e6e9ed", "muted": "#9aa4af", "line": "#3a424b", "grid": "#272d34"}
