@@ -21,7 +21,8 @@ COMMANDS = {
     "run": LazyCommand("pipeline.commands.run:run", "All four stages of a profile, doing only what is missing."),
     "sql": LazyCommand("pipeline.commands.sql:sql", "Ask SQL over all logs."),
     "compare": LazyCommand(
-        "pipeline.commands.compare:compare", "Compare runs: intervals, probability of improvement, settings."
+        "pipeline.commands.compare:compare",
+        "Compare runs: where they ended, how sure a difference is, in which settings they differ.",
     ),
     "view": LazyCommand("pipeline.commands.view:view", "Open an artifact in the Rerun viewer, or save it for later."),
     "replay": LazyCommand("pipeline.commands.replay:replay", "Re-simulate a logged episode and prove it identical."),

@@ -20,7 +20,7 @@ Example:
 def list_artifacts(options: Place, kind: str | None) -> None:
     """List the artifacts that are there.
 
-    KIND is datasets, estimators, runs or reports.
+    KIND is datasets, estimators, runs, relabels or reports.
     """
     from pipeline.artifacts.names import STAGE_OF
     from pipeline.output import console, note, print_json, table

@@ -25,7 +25,7 @@ Example:
   pipeline sql "SELECT run, final_return, final_success_rate FROM runs ORDER BY run"
   pipeline sql "FROM return_by_scheme()"
   pipeline sql question.sql --format parquet -o answer.parquet
-  pipeline sql - < question.sql
+  pipeline sql -
   pipeline sql --schema transitions
 """
 )

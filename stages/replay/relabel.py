@@ -185,18 +185,20 @@ def _labelled(logged: LoggedEpisode, labels: Labels) -> Rows:
 
 def _episodes(episodes: pa.Table, rows: pa.Table, labels: Labels) -> pa.Table:
     """episodes.parquet of the new labels: what is a sum or a mean of them, taken again."""
-    taken = rows.group_by(["split", "episode"], use_threads=False).aggregate(
-        [("reward_dense_est", "sum"), ("reward_used", "sum"), ("estimation_error", "mean"), ("phase", "first")]
-    )
-    found = {(row["split"], row["episode"]): row for row in taken.to_pylist()}
+    sums = ("reward_dense_est", "reward_used", "estimation_error")
+    found = {
+        (str(each["split"][0]), int(each["episode"][0])): each
+        for each in _by_episode(columns(rows.select(["split", "episode", "step", "phase", *sums])))
+    }
     made = []
     for row in episodes.to_pylist():
         new = found[row["split"], row["episode"]]
+        dense_est, used, errors = (new[name] for name in sums)
         made.append(
             row
-            | {"run": labels.run_id, "scheme": labels.scheme, "phase": new["phase_first"]}
-            | {"return_dense_est": new["reward_dense_est_sum"], "return_used": new["reward_used_sum"]}
-            | {"mean_estimation_error": new["estimation_error_mean"]}
+            | {"run": labels.run_id, "scheme": labels.scheme, "phase": str(new["phase"][0])}
+            | {"return_dense_est": float(dense_est.sum()), "return_used": float(used.sum())}
+            | {"mean_estimation_error": None if np.isnan(errors).all() else float(errors.mean())}
         )
     return pa.Table.from_pylist(made, schema=episodes.schema)
 

@@ -28,6 +28,7 @@ def test_every_view_is_typed_and_empty_without_artifacts(tmp_path: Path) -> None
     assert set(VIEWS) == {
         *("runs", "episodes", "transitions", "evaluations", "updates"),
         *("datasets", "frames", "estimators", "epochs", "predictions"),
+        *("relabels", "relabelled_episodes", "relabelled_transitions"),
     }
     with connect(tmp_path / "nowhere") as connection:
         for view in VIEWS:

@@ -65,7 +65,7 @@ def test_errors_as_json(run: Run, stages: Stages) -> None:
         (("analyze", "--set", "analyze.confidence=2"), "analyze.confidence"),
         (("collect", "--profile", "huge"), "unknown profile 'huge'"),
         (("train-policy", "--estimator", "../x"), "name '../x' cannot be used"),
-        (("list", "models"), "unknown kind of artifact 'models'; valid: datasets, estimators, reports, runs"),
+        (("list", "models"), "unknown kind of artifact 'models'; valid: datasets, estimators, relabels, reports, runs"),
         (("show",), "Missing argument 'ARTIFACT'"),
     ],
 )

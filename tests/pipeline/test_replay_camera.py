@@ -93,7 +93,7 @@ def test_another_camera_sees_the_same_episode_otherwise(
         (("--misalignment-deg", "10"), "nothing is rendered without --save"),
         (("--misalignment-kind", "tilt"), "'tilt' is not one of 'pan', 'orbit'"),
         (("--misalignment-deg", "91"), "91"),
-        (("--camera", "fovy"), "the form is KEY=VALUE"),
+        (("--camera", "fovy", "--save", "{tmp}/x.mp4"), "the form is KEY=VALUE"),
         (("--camera", "zoom=2", "--save", "{tmp}/x.mp4"), "unknown camera setting 'zoom'; valid: fovy, image_size"),
         (("--camera", "fovy=500", "--save", "{tmp}/x.mp4"), "camera setting fovy: Input should be less than 120"),
     ],
