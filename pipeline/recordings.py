@@ -1,6 +1,6 @@
 """Rerun recordings of whatever an artifact holds, made by the rooms that know how."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -52,6 +52,20 @@ def record_artifact(store: Store, artifact_id: str, split: str, episode: int, sa
         load(store.root, dataset)
         return {"dataset": dataset, "frames": record_estimator(path, store.path(dataset), save)}
     return _comparison(path, save)
+
+
+def record_comparison(root: Path, runs: Sequence[str], save: Path) -> dict[str, Any]:
+    """Write the learning curves of runs, NAMEs (all their cells) or NAME/CELL, with their spread over seeds."""
+    from stages.analyze.catalogue import artifacts, select
+    from stages.analyze.recordings import write_comparison
+    from stages.analyze.study import ask
+
+    chosen = select(artifacts(root, "runs"), runs)
+    curves = ask(root, chosen, ["learning-curves"])["learning-curves"].rows
+    if not curves:
+        raise ArtifactError(f"no learning curve yet: none of {', '.join(runs)} has been evaluated while training")
+    write_comparison(curves, save)
+    return {"runs": len(chosen)}
 
 
 def _comparison(report: Path, save: Path) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from pipeline.commands.options import Place, place_options
 Example:
   pipeline view runs/demo/reach-dense2sparse-orbit00-seed0 --episode 3
   pipeline view datasets/demo --episode 12 --save episode.rrd
+  pipeline view runs/demo
 """
 )
 @place_options
-@click.argument("artifact")
+@click.argument("artifact", metavar="ARTIFACT...", nargs=-1, required=True)
 @click.option("--episode", type=click.IntRange(min=0), default=0, show_default=True, help="Of a dataset or run.")
 @click.option(
     "--split", type=click.Choice(["train", "eval", "final"]), default="final", show_default=True, help="Of a run."
@@ -26,26 +27,42 @@ Example:
 @click.option(
     "--save", type=click.Path(dir_okay=False, path_type=Path), help="Write FILE.rrd instead of opening a window."
 )
-def view(options: Place, artifact: str, episode: int, split: str, save: Path | None) -> None:
+def view(options: Place, artifact: tuple[str, ...], episode: int, split: str, save: Path | None) -> None:
     """Open an artifact in the Rerun viewer, or save it for later.
 
-    A dataset or run shows one episode, an estimator its predictions, a report its learning curves. The command ends
-    when the window is closed; Ctrl-C closes it.
+    A dataset or run shows one episode, an estimator its predictions, a report its learning curves; several runs, or
+    runs/NAME for all of a matrix, show their learning curves together. The command ends when the window is closed;
+    Ctrl-C closes it.
     """
-    from pipeline.artifacts.inputs import load, resolve
     from pipeline.output import console, print_json
-    from pipeline.recordings import record_artifact, recording_path
+    from pipeline.recordings import recording_path
 
-    artifact_id = resolve(options.data, artifact)
-    load(options.data, artifact_id)
-    if save:
-        shown = record_artifact(options.store, artifact_id, split, episode, recording_path(save))
-    else:
-        shown = _show(lambda file: record_artifact(options.store, artifact_id, split, episode, file))
+    name, record = _recorder(options, artifact, episode, split)
+    shown = record(recording_path(save)) if save else _show(record)
     if options.as_json:
-        print_json({"artifact": artifact_id, **shown, "recording": str(save) if save else None})
+        print_json({"artifact": name, **shown, "recording": str(save) if save else None})
     elif save and not options.quiet:
-        console().print(f"{artifact_id} → {save}  (open with `rerun {save}`)")
+        console().print(f"{name} → {save}  (open with `rerun {save}`)", markup=False)
+
+
+def _recorder(
+    options: Place, artifact: tuple[str, ...], episode: int, split: str
+) -> tuple[str, Callable[[Path], dict[str, Any]]]:
+    """What is shown, and what writes its recording."""
+    from pipeline.artifacts.inputs import load, resolve
+    from pipeline.recordings import record_artifact, record_comparison
+
+    if len(artifact) > 1 or _is_matrix(artifact[0]):
+        return ", ".join(artifact), lambda file: record_comparison(options.data, artifact, file)
+    artifact_id = resolve(options.data, artifact[0])
+    load(options.data, artifact_id)
+    return artifact_id, lambda file: record_artifact(options.store, artifact_id, split, episode, file)
+
+
+def _is_matrix(artifact: str) -> bool:
+    """runs/NAME, without a cell."""
+    head, *rest = artifact.strip("/").split("/")
+    return head == "runs" and len(rest) == 1
 
 
 def _show(record: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:

@@ -133,7 +133,8 @@ WHERE {runs}
 """
 
 EXTREME_EPISODES = """
--- evaluation episodes (of the final evaluation where there is one), best and worst of each task first
+-- evaluation episodes worth watching (of the final evaluation where there is one): the best and the worst of each task,
+-- and of each run the one whose return is its median
 WITH judged AS (
     SELECT run, task, split, episode, return_dense_true, success,
            max(split = 'final') OVER (PARTITION BY run) AS has_final
@@ -141,10 +142,12 @@ WITH judged AS (
 )
 SELECT run, task, split, episode, return_dense_true, success,
        row_number() OVER (PARTITION BY task ORDER BY return_dense_true DESC, run, episode) AS best,
-       row_number() OVER (PARTITION BY task ORDER BY return_dense_true, run, episode) AS worst
+       row_number() OVER (PARTITION BY task ORDER BY return_dense_true, run, episode) AS worst,
+       row_number() OVER (PARTITION BY run ORDER BY return_dense_true, episode)
+           = (count(*) OVER (PARTITION BY run) + 1) // 2 AS typical
 FROM judged
 WHERE (split = 'final') = has_final
-QUALIFY best <= {count} OR worst <= {count}
+QUALIFY best <= {count} OR worst <= {count} OR typical
 ORDER BY task, best
 """
 

@@ -15,6 +15,7 @@ from stages.analyze.figures.theme import COLOURS
 from stages.analyze.results import Row, misalignment
 
 COMPARISON_FILE = "comparison.rrd"
+TYPICAL = "typical"
 
 RecordEpisode = Callable[[str, str, int, Path], None]
 """(run, split, episode, file): write one logged episode as a Rerun recording. Injected; it needs the simulator."""
@@ -27,6 +28,7 @@ class Recording:
     file: str
     note: str
     error: str | None = None
+    run: str | None = None  # whose episode it shows
 
 
 def write_comparison(curves: Sequence[Row], path: Path) -> Recording:
@@ -67,18 +69,28 @@ def _rgb(colour: str) -> list[int]:
     return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
 
 
+def links(made: Sequence[Recording]) -> dict[str, str]:
+    """The recording behind each run's point in a figure: its typical episode, else another one of it."""
+    whole = [each for each in made if each.run is not None and each.error is None]
+    return {str(each.run): each.file for each in sorted(whole, key=lambda each: each.file.startswith(TYPICAL))}
+
+
 def write_episodes(rows: Sequence[Row], count: int, out: Path, record: RecordEpisode) -> list[Recording]:
-    """Record `count` episodes, best and worst in turn. One that this machine cannot record is noted, not fatal."""
+    """Record `count` episodes: the best and the worst, then every run's typical one, then the next best and worst.
+
+    One that this machine cannot record is noted, not fatal.
+    """
     return [_write_episode(label, row, out, record) for label, row in _pick(rows, count)]
 
 
 def _pick(rows: Sequence[Row], count: int) -> list[tuple[str, Row]]:
     best = sorted(rows, key=lambda row: (row["best"], row["task"] != "reach"))
     worst = sorted(rows, key=lambda row: (row["worst"], row["task"] != "reach"))
+    extremes = [pair for good, bad in zip(best, worst, strict=True) for pair in (("best", good), ("worst", bad))]
+    typical = [(TYPICAL, row) for row in sorted(rows, key=lambda row: str(row["run"])) if row["typical"]]
     picked: dict[tuple[str, str, int], tuple[str, Row]] = {}
-    for good, bad in zip(best, worst, strict=True):
-        for label, row in (("best", good), ("worst", bad)):
-            picked.setdefault((row["run"], row["split"], row["episode"]), (label, row))
+    for label, row in [*extremes[:2], *typical, *extremes[2:]]:
+        picked.setdefault((row["run"], row["split"], row["episode"]), (label, row))
     return list(picked.values())[:count]
 
 
@@ -92,5 +104,5 @@ def _write_episode(label: str, row: Row, out: Path, record: RecordEpisode) -> Re
     try:
         record(run, split, episode, out / file)
     except PipelineError as error:
-        return Recording(file, note, str(error))
-    return Recording(file, note)
+        return Recording(file, note, str(error), run)
+    return Recording(file, note, run=run)

@@ -1,6 +1,7 @@
 """The analysis: logs in, one report with its figures, tables, evidence and recordings out."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def run(
     selection = choose(data_root, runs, estimators, studies)
     answers = ask_all(data_root, selection, config.recordings, progress)
     derived = derive(config, selection.studies, answers)
+    recorded = _record(config, answers, out, record_episode, progress)
     contents = report.Contents(
         config=config,
         selection=selection,
@@ -49,11 +51,11 @@ def run(
         derived=derived,
         estimator_figures=_estimator_figures(answers),
         curve_figures=_by_task(answers, "learning-curves", _curves(answers)),
-        success_figures=_by_task(answers, "outcomes", policy.success),
+        success_figures=_by_task(answers, "outcomes", partial(policy.success, recordings.links(recorded))),
         error_figures=_reward_error(answers),
         region_figures=_by_task(answers, "regions", regions.regions),
         study_figures=_studies(selection, answers, derived),
-        recordings=_record(config, answers, out, record_episode, progress),
+        recordings=recorded,
         cameras=cameras.pictures(out / "figures"),
         left_out=left_out,
     )

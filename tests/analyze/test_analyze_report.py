@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -151,14 +152,34 @@ def test_charts_are_data_for_every_panel(study: tuple[Path, Path, dict[str, Any]
     assert "dense2sparse" in (report / "figures" / "fig4-reach-curves.svg").read_text()
 
 
-def test_best_and_worst_episodes_are_recorded(study: tuple[Path, Path, dict[str, Any]]) -> None:
+def test_a_runs_point_leads_to_the_recording_of_its_episode(study: tuple[Path, Path, dict[str, Any]]) -> None:
+    _, report, summary = study
+    page = Page((report / "report.html").read_text())
+    panels = json.loads(page.scripts[0])["figures"]["fig4-reach-success"]
+    points = [(panel, layer) for panel in panels for layer in panel["layer"] if "href" in layer["encoding"]]
+    rows = [row for panel, layer in points for row in panel["datasets"][layer["data"]["name"]]]
+    leads = {row["run"]: row["recording"] for row in rows}
+    by_run = {run: name for run, _, _, name in sorted(summary["recorded"], key=lambda e: e[3].startswith("typical"))}
+    assert leads == {run: name for run, name in by_run.items() if "/reach-" in run}
+    assert ".rrd" not in (report / "figures" / "fig4-reach-success.svg").read_text()
+
+
+def _by_run(episodes: list[tuple[str, str, int]]) -> list[tuple[str, list[tuple[str, str, int]]]]:
+    return [(run, list(part)) for run, part in groupby(sorted(episodes, key=lambda e: e[0]), lambda e: e[0])]
+
+
+def test_best_and_worst_episodes_are_recorded_then_the_typical_ones_of_runs(
+    study: tuple[Path, Path, dict[str, Any]],
+) -> None:
     root, report, summary = study
     stream = io.StringIO()
     sql = """SELECT run, episode FROM episodes JOIN runs USING (run) WHERE split = 'final' AND status <> 'failed'
              ORDER BY return_dense_true"""
     run_sql(root, sql, "json", None, stream)
     ordered = [(row["run"], "final", row["episode"]) for row in json.loads(stream.getvalue())]
-    assert [entry[:3] for entry in summary["recorded"]] == [ordered[-1], ordered[0]]
+    assert [entry[:3] for entry in summary["recorded"][:2]] == [ordered[-1], ordered[0]]
+    typical = [(run, "final", of_run[(len(of_run) - 1) // 2][2]) for run, of_run in _by_run(ordered)]
+    assert [entry[:3] for entry in summary["recorded"][2:]] == typical[:2]
     assert summary["recordings"] == ["comparison.rrd", *(entry[3] for entry in summary["recorded"])]
     assert all((report / name).is_file() for name in summary["recordings"])
 

@@ -1,6 +1,6 @@
 """Figures about the policies: paper's Figs. 4 and 5, and what the estimate does to the reward."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import groupby
 from statistics import mean, stdev
 
@@ -78,12 +78,17 @@ def _switch_rule(switches: list[Row]) -> list[alt.Chart]:
     return [base.mark_rule(strokeDash=[2, 3]), text]
 
 
-def success(task: str, rows: list[Row], sql: str) -> Figure:
-    """Paper's Figs. 4 (b, d, f) and 5 (b): success rate of the trained policies, one panel a misalignment."""
-    panels = [Panel(title, _success_panel(part)) for title, part in by_setting(rows)]
+def success(links: Mapping[str, str], task: str, rows: list[Row], sql: str) -> Figure:
+    """Paper's Figs. 4 (b, d, f) and 5 (b): success rate of the trained policies, one panel a misalignment.
+
+    `links` lead from a run's point to a recording of its episode.
+    """
+    shown = [row | {"recording": links.get(row["run"])} for row in rows]
+    panels = [Panel(title, _success_panel(part)) for title, part in by_setting(shown)]
     caption = (
         "Share of episodes that succeed: in the final evaluation, or in the last one made where a run has no final "
-        "evaluation yet. Bar: mean over seeds; line: one standard deviation; points: the seeds."
+        "evaluation yet. Bar: mean over seeds; line: one standard deviation; points: the seeds, in the report with a "
+        "recording of an episode behind those that have one."
     )
     id, title = f"{_PAPER.get(task, task)}-success", f"{task.capitalize()}: success of the trained policies"
     return Figure(id, title, caption, tuple(panels), "outcomes", sql, rows, legend=True)
@@ -103,7 +108,7 @@ def _success_panel(rows: list[Row]) -> Callable[[bool], Drawing]:
                 y=y, color=colour, tooltip=tooltip
             ),
             base.mark_rule(strokeWidth=1.5).encode(y=alt.Y("low:Q"), y2="high:Q"),
-            *_seed_points(rows, x, colour),
+            *_seed_points(rows, x, colour, page),
         )
 
     return draw
@@ -123,17 +128,39 @@ def _success_bars(rows: list[Row]) -> list[Row]:
     return bars
 
 
-def _seed_points(rows: list[Row], x: alt.X, colour: alt.Color) -> list[alt.Chart]:
-    """One layer a seed, each a little beside the last, so that equal rates stay apart."""
-    tooltip = ["run:N", alt.Tooltip("percent:Q", format=".1f", title="success [%]"), "split:N", "episodes:Q"]
+def _seed_points(rows: list[Row], x: alt.X, colour: alt.Color, page: bool) -> list[alt.Chart]:
+    """A layer a seed, each a little beside the last, so that equal rates stay apart; on the page some are links."""
     seeds = sorted({row["seed"] for row in rows})
     gap = min(8.0, 32.0 / len(seeds))  # pixels
-    return [
-        alt.Chart(values([row for row in rows if row["seed"] == seed], percent=lambda row: 100.0 * row["success_rate"]))
-        .mark_circle(size=32, opacity=1, stroke="white", strokeWidth=0.8, xOffset=gap * (i - (len(seeds) - 1) / 2))
-        .encode(x=x, y=alt.Y("percent:Q"), color=colour, tooltip=tooltip)
-        for i, seed in enumerate(seeds)
+    layers = []
+    for place, seed in enumerate(seeds):
+        of_seed = [row for row in rows if row["seed"] == seed]
+        recorded = [row for row in of_seed if page and row["recording"]]
+        offset = gap * (place - (len(seeds) - 1) / 2)
+        for part in (recorded, [row for row in of_seed if row not in recorded]):
+            layers += [_points(part, x, colour, offset, linked=part is recorded)] if part else []
+    return layers
+
+
+def _points(rows: list[Row], x: alt.X, colour: alt.Color, offset: float, linked: bool) -> alt.Chart:
+    tooltip = [
+        "run:N",
+        alt.Tooltip("percent:Q", format=".1f", title="success [%]"),
+        *("split:N", "episodes:Q", *(["recording:N"] if linked else [])),
     ]
+    link = {"href": "recording:N"} if linked else {}
+    return (
+        alt.Chart(values(rows, percent=lambda row: 100.0 * row["success_rate"]))
+        .mark_circle(
+            size=32,
+            opacity=1,
+            stroke="white",
+            strokeWidth=0.8,
+            xOffset=offset,
+            cursor="pointer" if linked else "default",
+        )
+        .encode(x=x, y=alt.Y("percent:Q"), color=colour, tooltip=tooltip, **link)
+    )
 
 
 def reward_error(rows: list[Row], sql: str) -> Figure:
