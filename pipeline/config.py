@@ -107,8 +107,8 @@ def variants(config: PipelineConfig, name: str) -> list[Variant]:
 
 
 def _learning(world: WorldConfig, matrix: Sequence[Cell]) -> list[tuple[str, str]]:
-    """What decides how each cell learns: all but the number of its final episodes."""
-    without = [cell.config.model_copy(update={"final_episodes": 0}) for cell in matrix]
+    """What decides how each cell learns: all but the number of its final episodes and of those recorded."""
+    without = [cell.config.model_copy(update={"final_episodes": 0, "record_every": 0}) for cell in matrix]
     return [(cell.name, f"{world!r} {config!r}") for cell, config in zip(matrix, without, strict=True)]
 
 

@@ -1,5 +1,6 @@
 """The whole pipeline through its command line, everything real and very small."""
 
+import io
 import json
 import shutil
 import signal
@@ -13,8 +14,11 @@ import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from schemas import tables
+from schemas.mcap_files import read_messages
+from schemas.mcap_topics import CAMERA_IMAGE
 
 HORIZON, TRAIN, FINAL = 15, 4, 2
 SCHEMES = ("dense", "sparse", "oracle", "dense2sparse")
@@ -170,12 +174,44 @@ def test_a_tampered_log_is_found_out(root: Path, tmp_path: Path) -> None:
     assert done.returncode == 3 and part.name in done.stderr and "Traceback" not in done.stderr
 
 
+def test_recorded_frames_are_what_a_replay_renders(root: Path, tmp_path: Path) -> None:
+    """Every second episode with what the camera saw; the same pictures, pixel for pixel, as rendered afterwards."""
+    arguments = ["train-policy", "--profile", "demo", "--name", "recorded", "--estimator", "tiny", *SETTINGS]
+    only = ["--set", "policy.record_every=2", "--set", "policy.schemes=['dense']"]
+    assert _answer(root, *arguments, *only)["cells"][0]["did"] == "made"
+    run = root / "runs/recorded/reach-dense-orbit05-seed0"
+    names = sorted(path.name for path in (run / "recordings").iterdir())
+    assert names == [
+        f"{split}-{number:06d}.mcap" for split, number in (("eval", 0), ("final", 0), ("train", 0), ("train", 2))
+    ]
+    replayed = tmp_path / "replayed.mcap"
+    cell = "recorded/reach-dense-orbit05-seed0"
+    assert (
+        _pipeline(root, "replay", cell, "--split", "train", "--episode", "2", "--save", str(replayed)).returncode == 0
+    )
+    pictures = [
+        [np.asarray(Image.open(io.BytesIO(m.data))) for _, _, m in read_messages(path, CAMERA_IMAGE)]
+        for path in (run / "recordings/train-000002.mcap", replayed)
+    ]
+    assert len(pictures[0]) == HORIZON + 1
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    saved = tmp_path / "view.rrd"
+    assert _pipeline(root, "view", cell, "--split", "train", "--episode", "2", "--save", str(saved)).returncode == 0
+
+
 @pytest.mark.parametrize("artifact", ["datasets/tiny", "estimators/tiny", f"runs/{_cell('dense')}"])
 def test_a_recording_is_saved(root: Path, tmp_path: Path, artifact: str) -> None:
     path = tmp_path / "view.rrd"
     done = _pipeline(root, "view", artifact, "--episode", "0", "--save", str(path))
     assert done.returncode == 0, done.stderr
     assert path.read_bytes()[:3] == b"RRF" and path.stat().st_size > 50_000
+
+
+def test_several_runs_show_their_learning_curves(root: Path, tmp_path: Path) -> None:
+    whole, two = tmp_path / "all.rrd", tmp_path / "two.rrd"
+    assert _answer(root, "view", "runs/tiny", "--save", str(whole))["runs"] == len(SCHEMES)
+    assert _answer(root, "view", _cell("dense"), _cell("sparse"), "--save", str(two))["runs"] == 2
+    assert whole.stat().st_size > two.stat().st_size > 1000
 
 
 def test_the_report_stands_alone(root: Path) -> None:

@@ -24,7 +24,8 @@ class Study:
     """NAME of the matrix whose cells of the same task, scheme, angle and seed are the reference."""
 
 
-_NO_DIFFERENCE = ("run.", "policy.final_episodes", "policy.checkpoint_every", "policy.log_updates_every")
+_KEPT = ("policy.checkpoint_every", "policy.log_updates_every", "policy.record_every")
+_NO_DIFFERENCE = ("run.", "policy.final_episodes", *_KEPT)
 """Identity, the precision of the final evaluation, and what is kept on disk: nothing of how a run learns."""
 
 

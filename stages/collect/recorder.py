@@ -5,6 +5,7 @@ import json
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from mcap_protobuf.writer import Writer
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from schemas import mcap_files, mcap_topics
 from schemas.images import encode
+from schemas.mcap_frames import CameraView, frame_messages
 from schemas.tables import SCHEMA_VERSION
 from stages.collect.config import CollectStageConfig
 from stages.collect.plan import EpisodePlan
@@ -49,19 +51,11 @@ class Recorder:
     def _write_frame(
         self, writer: Writer, time_ns: int, snapshot: Snapshot, picture: np.ndarray, camera: mcap_topics.Placement
     ) -> None:
-        config, state, joints = self._config, snapshot.state, self._joint_names
-        frames = {mcap_topics.CAMERA_FRAME: camera} | snapshot.links
-        data = encode(picture, config.collect.image_format, chunked=True)
-        self._transforms = mcap_topics.transforms(time_ns, frames, self._transforms)
-        messages: dict[str, mcap_topics.Message] = {
-            mcap_topics.TF: self._transforms,
-            mcap_topics.CAMERA_CALIBRATION: mcap_topics.calibration(
-                time_ns, config.camera.image_size, self._intrinsics
-            ),
-            mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, data, config.collect.image_format),
-            mcap_topics.CUBE_POSE: mcap_topics.cube_pose(time_ns, state["cube_position"], state["cube_quaternion"]),
-            mcap_topics.ROBOT_JOINTS: mcap_topics.joint_states(time_ns, joints, state["qpos"], state["qvel"]),
-        }
+        image_format = self._config.collect.image_format
+        view = CameraView(camera, self._config.camera.image_size, self._intrinsics, image_format)
+        data = encode(picture, image_format, chunked=True)
+        messages = frame_messages(view, data, snapshot.state, self._joint_names, snapshot.links, self._transforms)
+        self._transforms = cast(mcap_topics.FrameTransforms, messages[mcap_topics.TF])
         for topic, message in messages.items():
             mcap_files.write(writer, topic, time_ns, message)
 

@@ -69,6 +69,9 @@ class RunConfig(Config):
     """Fresh episodes of the final evaluation."""
     checkpoint_every: Annotated[int, Field(ge=1)] = 10
     """Training episodes between checkpoints (`--resume` continues from the last) and log parts."""
+    record_every: Annotated[int, Field(ge=0)] = 0
+    """Every n-th episode of each split is recorded to MCAP with the frames the policy saw; 0: none, for any episode's
+    frames are rendered again by a replay."""
     log_updates_every: Annotated[int, Field(ge=1)] = 100
     td3: TD3Config = TD3Config()
 

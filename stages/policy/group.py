@@ -14,12 +14,14 @@ from stages.policy.config import RunResult, RunSpec
 from stages.policy.log import RunLog
 from stages.policy.loop import Lockstep
 from stages.policy.observation import observation_dim
+from stages.policy.recorder import Recorder
 from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.resources import Share
 from stages.policy.td3 import TD3
-from stages.sim.camera import misaligned, nominal_pose
+from stages.sim.camera import intrinsics, misaligned, nominal_pose
 from stages.sim.config import CameraConfig
 from stages.sim.pool import View, WorldPool
+from stages.sim.scene import build_scene
 
 START = Position(0, 0)
 
@@ -29,7 +31,8 @@ def train_group(group: list[RunSpec], estimator: Path | None, share: Share, prog
     keep_freed_memory()
     loaded = Estimator.load(estimator, device=share.device) if estimator else None
     first = group[0]
-    worlds = WorldPool(first.world, first.task, len(group), _view(group, loaded), share.workers)
+    view = _view(group, loaded)
+    worlds = WorldPool(first.world, first.task, len(group), view, share.workers)
     try:
         dims = observation_dim(first.config.proprioception), worlds.action_dim
         td3 = TD3(first.config.td3, *dims, [spec.seed for spec in group], share.device)
@@ -38,7 +41,8 @@ def train_group(group: list[RunSpec], estimator: Path | None, share: Share, prog
         buffer = ReplayBuffer(len(group), capacity, *dims)
         logs = [RunLog(spec, *dims) for spec in group]
         position = _resume(group, td3, buffer, logs)
-        lockstep = Lockstep(group, worlds, loaded, td3, buffer, logs, threads=share.threads, overlap=share.overlap)
+        recorder = _recorder(group, loaded, view)
+        lockstep = Lockstep(group, worlds, loaded, td3, buffer, logs, share.threads, share.overlap, recorder)
         Schedule(lockstep, td3, group, logs).run(position, progress)
     finally:
         worlds.close()
@@ -53,6 +57,15 @@ def _view(group: list[RunSpec], estimator: Estimator | None) -> View | None:
     nominal, pivot = nominal_pose(camera), np.array(camera.target)
     poses = [misaligned(nominal, spec.misalignment_kind, spec.misalignment_deg, pivot) for spec in group]
     return View(tuple(poses), camera.image_size, camera.fovy)
+
+
+def _recorder(group: list[RunSpec], estimator: Estimator | None, view: View | None) -> Recorder | None:
+    """Who records frames, where there are some and they are asked for."""
+    first = group[0]
+    if estimator is None or view is None or not first.config.record_every:
+        return None
+    camera = intrinsics(CameraConfig.model_validate(estimator.camera))
+    return Recorder(group, view, camera.matrix, build_scene(first.world).joint_names)
 
 
 def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[RunLog]) -> Position:

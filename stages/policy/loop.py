@@ -20,6 +20,7 @@ from stages.policy.episode import EpisodeColumns
 from stages.policy.learner import Learner
 from stages.policy.log import EpisodeHead, RunLog
 from stages.policy.observation import observe
+from stages.policy.recorder import Recorder
 from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.schemes import phase, reward_kind, select_reward, switches_at
 from stages.policy.scoring import Scores, score
@@ -49,6 +50,10 @@ class _Episode:
     def training(self) -> bool:
         return self.split == "train"
 
+    def is_recorded(self, every: int) -> bool:
+        """With its frames, when every `every`-th is."""
+        return every > 0 and self.number % every == 0
+
 
 class Lockstep:
     """Runs of one task and configuration, differing in scheme, misalignment, seed and what happens at the switch.
@@ -67,6 +72,7 @@ class Lockstep:
         logs: Sequence[RunLog],
         threads: int = 1,
         overlap: bool = False,
+        recorder: Recorder | None = None,
     ) -> None:
         self.specs, self.logs = list(specs), list(logs)
         self.config: RunConfig = specs[0].config
@@ -74,7 +80,7 @@ class Lockstep:
         self.errors: list[str | None] = [None] * len(specs)
         self.steps, self.seconds = 0, 0.0  # environment steps per run, and the wall time they took
         self._worlds, self._estimator, self._td3, self._threads = worlds, estimator, td3, threads
-        self._overlap = overlap
+        self._overlap, self._recorder = overlap, recorder
         self._learner = Learner(self.specs, td3, buffer, self.logs)
         self._oracle = np.array([spec.scheme == "oracle" for spec in specs])[:, None]
         self._columns = EpisodeColumns(len(specs), self.horizon, td3.actor_net.sizes[0], worlds.action_dim)
@@ -138,12 +144,16 @@ class Lockstep:
     def _steps(self, episode: _Episode, thread: ThreadPoolExecutor | None) -> None:
         """The steps of an episode, to its end or until no run is left."""
         random = episode.training and episode.trained < self.config.warmup_episodes
-        observation = self._observe()[0]
+        recorder = self._recorder if episode.is_recorded(self.config.record_every) else None
+        observation, estimates, _ = self._observe()
+        self._see(recorder, estimates)
         for step in range(self.horizon):
             noise = episode.noise[:, step]
             policy = np.zeros_like(noise) if random else self._td3.act(observation)
             action = np.clip(policy + noise, -1, 1).astype(np.float32)
             self._worlds.start_step(action)
+            if recorder:
+                recorder.act(action)
             update: Future[None] | None = None
             if episode.learning and thread:
                 update = thread.submit(self._learner.learn, self.alive, step)
@@ -151,6 +161,7 @@ class Lockstep:
                 self._learner.learn(self.alive, step)
             self._worlds.finish_step()
             after, estimates, scores = self._observe()
+            self._see(recorder, estimates)
             if update:
                 update.result()
             used = self._used(episode.trained, scores)
@@ -162,6 +173,10 @@ class Lockstep:
             self._fail_unstable(episode, step)
             if not self.alive:
                 return
+
+    def _see(self, recorder: Recorder | None, estimates: np.ndarray) -> None:
+        if recorder and self._worlds.frames is not None:
+            recorder.see(self._worlds.states, self._worlds.frames, estimates)
 
     def _observe(self) -> tuple[np.ndarray, np.ndarray, Scores]:
         """Observations (n, o), estimates (n, 3) and scores of the present states."""
@@ -204,6 +219,9 @@ class Lockstep:
         trained = episode.trained
         done = trained if episode.training else trained + 1
         final = self._worlds.packed_states()
+        if self._recorder and episode.is_recorded(self.config.record_every):
+            self._recorder.write(self.alive, episode.split, episode.number)
+            self._recorder.begin()
         if episode.training:
             self._learner.end(self.alive)
         for row in self.alive:

@@ -11,6 +11,8 @@ from pydantic import ValidationError
 
 from schemas.errors import ArtifactError, ConfigError, unknown_choice
 from schemas.images import ImageFormat
+from schemas.mcap_files import read_messages
+from schemas.mcap_topics import CAMERA_IMAGE
 from stages.replay.logs import LoggedEpisode
 from stages.sim.camera import CameraPose, Intrinsics, intrinsics, misaligned, nominal_pose
 from stages.sim.config import CameraConfig, MisalignmentKind
@@ -71,6 +73,21 @@ def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN) -> Camera:
     kind = view.misalignment_kind or identity["misalignment_kind"]
     degrees = float(identity["misalignment_deg"] if view.misalignment_deg is None else view.misalignment_deg)
     return Camera(config, misaligned(nominal_pose(config), kind, degrees, np.array(config.target)), kind, degrees)
+
+
+def recorded_frames(logged: LoggedEpisode) -> list[bytes] | None:
+    """PNG frames after each action that were recorded while the run was made; None: this episode was not.
+
+    Raises:
+        ArtifactError: the recording is damaged, or of another number of steps.
+    """
+    path = logged.run_dir / "recordings" / f"{logged.split}-{logged.episode:06d}.mcap"
+    if not path.is_file():
+        return None
+    frames = [message.data for _, _, message in read_messages(path, CAMERA_IMAGE)]
+    if len(frames) != logged.steps + 1:
+        raise ArtifactError(f"{path} has {len(frames)} frames, its episode {logged.steps} steps: it is damaged")
+    return frames[1:]
 
 
 def _changed(config: CameraConfig, view: View) -> CameraConfig:

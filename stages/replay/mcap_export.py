@@ -8,6 +8,7 @@ import numpy as np
 from schemas import mcap_files, mcap_topics
 from schemas.entities import CUBE_EST
 from schemas.images import encode
+from schemas.mcap_frames import CameraView, frame_messages
 from stages.replay.logs import LoggedEpisode
 from stages.replay.rollout import Rollout
 from stages.sim.renderer import link_meshes
@@ -36,18 +37,18 @@ def write_mcap(logged: LoggedEpisode, rollout: Rollout, save: Path) -> None:
 def _state_messages(
     rollout: Rollout, bodies: dict[str, str], index: int, state: np.void
 ) -> dict[str, mcap_topics.Message]:
-    time_ns, intrinsics = int(state["time_ns"]), rollout.camera.intrinsics
-    data = encode(rollout.frames[index], rollout.camera.image_format)
-    joints = mcap_topics.joint_states(time_ns, rollout.scene.joint_names, state["qpos"], state["qvel"])
+    camera, time_ns = rollout.camera, int(state["time_ns"])
+    placement = camera.pose.position, camera.pose.quaternion
+    view = CameraView(placement, camera.intrinsics.size, camera.intrinsics.matrix, camera.image_format)
+    data = encode(rollout.frames[index], camera.image_format)
+    links = {
+        frame: (rollout.links[body].position[index], rollout.links[body].quaternion[index])
+        for frame, body in bodies.items()
+    }
+    whole = mcap_topics.sim_state(time_ns, index, rollout.integration_states[index], rollout.qpos[index])
     return {
-        mcap_topics.TF: mcap_topics.transforms(time_ns, _placements(rollout, bodies, index)),
-        mcap_topics.CAMERA_CALIBRATION: mcap_topics.calibration(time_ns, intrinsics.size, intrinsics.matrix),
-        mcap_topics.CAMERA_IMAGE: mcap_topics.image(time_ns, data, rollout.camera.image_format),
-        mcap_topics.CUBE_POSE: mcap_topics.cube_pose(time_ns, state["cube_position"], state["cube_quaternion"]),
-        mcap_topics.ROBOT_JOINTS: joints,
-        mcap_topics.SIM_STATE: mcap_topics.sim_state(
-            time_ns, index, rollout.integration_states[index], rollout.qpos[index]
-        ),
+        **frame_messages(view, data, state, rollout.scene.joint_names, links),
+        mcap_topics.SIM_STATE: whole,
     }
 
 
@@ -56,13 +57,6 @@ def _bodies(rollout: Rollout) -> dict[str, str]:
     scene = rollout.scene
     cube = scene.model.body(scene.cube_body).name
     return {mcap_topics.CUBE_FRAME: cube} | {mesh.link: mesh.link for mesh in link_meshes(scene)}
-
-
-def _placements(rollout: Rollout, bodies: dict[str, str], index: int) -> dict[str, mcap_topics.Placement]:
-    camera = rollout.camera.pose
-    poses = {frame: rollout.links[body] for frame, body in bodies.items()}
-    placements = {frame: (pose.position[index], pose.quaternion[index]) for frame, pose in poses.items()}
-    return {mcap_topics.CAMERA_FRAME: (camera.position, camera.quaternion)} | placements
 
 
 def _metadata(logged: LoggedEpisode, rollout: Rollout) -> dict[str, str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rerun_blueprints.episode import episode_blueprint
 from stages.replay.dataset_track import dataset_track
-from stages.replay.frames import AS_THE_RUN, View, run_camera
+from stages.replay.frames import AS_THE_RUN, View, recorded_frames, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.proof import ReplayResult
 from stages.replay.recording_file import recording_file
@@ -16,7 +16,9 @@ from stages.replay.track import EpisodeTrack
 
 
 def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
-    """Write a recording of a run's episode to `save`; frames are rendered anew, by default by the run's camera.
+    """Write a recording of a run's episode to `save`.
+
+    Frames are those that were recorded with the run, or rendered anew, by default by the run's camera.
 
     Raises:
         ArtifactError: the episode, its run or its estimator is missing or damaged.
@@ -24,7 +26,8 @@ def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view:
     """
     logged = load_episode(run_dir, split, episode)
     rollout = roll_out(logged, run_camera(logged, view))
-    write_track(run_track(logged, rollout), save)
+    recorded = recorded_frames(logged) if view == AS_THE_RUN else None
+    write_track(run_track(logged, rollout, recorded), save)
     return rollout.result
 
 

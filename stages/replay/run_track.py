@@ -18,8 +18,8 @@ _SCALARS = {
 }
 
 
-def run_track(logged: LoggedEpisode, rollout: Rollout) -> EpisodeTrack:
-    """Row k is the logged row k: the state after action k."""
+def run_track(logged: LoggedEpisode, rollout: Rollout, recorded: list[bytes] | None = None) -> EpisodeTrack:
+    """Row k is the logged row k: the state after action k. `recorded` PNG frames are shown instead of rendered ones."""
     states, estimate = rollout.trajectory.states, logged.vector("cube_est")
     clock = Clock(logged.rows["time_ns"], logged.rows["step"])
     meshes = link_meshes(rollout.scene)
@@ -33,8 +33,8 @@ def run_track(logged: LoggedEpisode, rollout: Rollout) -> EpisodeTrack:
         meshes=meshes,
         camera=rollout.camera.pose,
         intrinsics=rollout.camera.intrinsics,
-        images=[encode(frame, image_format) for frame in rollout.frames[1:]],
-        media_type=f"image/{image_format}",
+        images=recorded or [encode(frame, image_format) for frame in rollout.frames[1:]],
+        media_type="image/png" if recorded else f"image/{image_format}",
         joints=states["qpos"],
         actions=Actions(clock, logged.rows["action"]),
         estimate=None if np.isnan(estimate).all() else estimate,
