@@ -4,7 +4,7 @@ Actions and states stay what they were. What an estimate changes is made again b
 run's camera: the estimate, the rewards that follow from it, and the observations that hold it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from schemas.arrays import constant, to_arrow
@@ -21,18 +22,11 @@ from schemas.files import write_parquet
 from schemas.manifest import Manifest, read_manifest
 from schemas.progress import Progress, Task
 from stages.replay import relabelling
-from stages.replay.frames import run_camera
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
+from stages.replay.observer import Observer, ReplaceCube
 from stages.replay.parquet import reading
-from stages.replay.reestimate import Eye, reestimate
+from stages.replay.reestimate import Eye
 from stages.replay.relabelling import Rows
-from stages.replay.rollout import look
-from stages.replay.simulate import scene_of
-from stages.sim.renderer import Renderer
-from stages.sim.world import World
-
-ReplaceCube = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""(observations (n, o), cube positions (n, 3) [m]) → the same observations of those cubes; the policy room's."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +66,16 @@ def relabel(run_dir: Path, labels: Labels, out: Path, progress: Progress) -> dic
     manifest, episodes = read_manifest(run_dir), read_episodes(run_dir)
     check_possible(manifest, labels.scheme, labels.eye is not None)
     source = _Source(run_dir, manifest, {(row["split"], row["episode"]): row for row in episodes.to_pylist()})
+    parts = sorted((run_dir / "transitions").glob("part-*.parquet"))
+    if not parts:
+        raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: there is nothing to label")
     (out / "transitions").mkdir(exist_ok=True)
     with progress.task(f"relabel {labels.run_id}", episodes.num_rows) as task:
-        for part in sorted((run_dir / "transitions").glob("part-*.parquet")):
+        for part in parts:
             target = out / "transitions" / part.name
             if not target.exists():
                 write_parquet(_relabelled(source, part, labels, task), target)
-    written = [pq.read_table(path) for path in sorted((out / "transitions").glob("part-*.parquet"))]
-    rows = pa.concat_tables(written).unify_dictionaries() if written else None
-    if rows is None:
-        raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: there is nothing to label")
+    rows = _summed(out)
     write_parquet(_episodes(episodes, rows, labels), out / "episodes.parquet")
     return _summary(rows)
 
@@ -104,7 +98,7 @@ def _relabelled(source: _Source, part: Path, labels: Labels, task: Task) -> pa.T
     table = reading(part, lambda: pq.read_table(part))
     changed: list[Rows] = []
     with ExitStack() as stack:
-        observer = _Observer(labels, stack)
+        observer = Observer(labels.scheme, labels.eye, labels.replace_cube, stack)
         for rows in _by_episode(columns(table)):
             summary = source.summaries.get((str(rows["split"][0]), int(rows["episode"][0])))
             if summary is None:
@@ -136,38 +130,6 @@ def _by_episode(rows: Rows) -> Iterator[Rows]:
         yield {name: values[start:end] for name, values in rows.items()}
 
 
-class _Observer:
-    """Sees episodes again as the new scheme's policy would have seen them."""
-
-    def __init__(self, labels: Labels, stack: ExitStack) -> None:
-        self._labels, self._stack = labels, stack
-        self._renderer: Renderer | None = None
-
-    def again(self, logged: LoggedEpisode) -> LoggedEpisode:
-        """With other estimates and observations where the scheme or the estimator asks for them."""
-        eye = self._labels.eye
-        if eye:
-            estimates = eye.predict(self._frames(logged, eye.image_size))  # (n + 1, 3)
-            logged = reestimate(logged, estimates[1:], eye.name)
-        if self._labels.scheme == "oracle":
-            first = World(scene_of(logged), logged.task).reset(logged.initial_state)["cube_position"]
-            return self._seeing(logged, np.concatenate([first[None], logged.vector("cube_true")]))
-        return self._seeing(logged, estimates) if eye else logged
-
-    def _seeing(self, logged: LoggedEpisode, cubes: np.ndarray) -> LoggedEpisode:
-        """Observations of `cubes` (n + 1, 3) before and after each action."""
-        replace_cube = self._labels.replace_cube
-        logged.rows["observation"] = replace_cube(logged.rows["observation"], cubes[:-1])
-        logged.rows["next_observation"] = replace_cube(logged.rows["next_observation"], cubes[1:])
-        return logged
-
-    def _frames(self, logged: LoggedEpisode, size: int) -> np.ndarray:
-        camera = run_camera(logged)
-        if self._renderer is None:
-            self._renderer = self._stack.enter_context(Renderer(scene_of(logged), size, camera.config.fovy))
-        return look(logged, self._renderer, camera.pose)
-
-
 _LABELS = (
     *("observation", "next_observation", "cube_est_x", "cube_est_y", "cube_est_z"),
     *("distance_est", "estimation_error", "reward_dense_est", "reward_used", "phase"),
@@ -183,17 +145,23 @@ def _labelled(logged: LoggedEpisode, labels: Labels) -> Rows:
     return {name: rows[name] for name in _LABELS}
 
 
+_SUMMED = ("reward_dense_est", "reward_used", "estimation_error")
+
+
+def _summed(out: Path) -> pa.Table:
+    """What sums and means are taken of, of all parts."""
+    names = ["split", "episode", "step", "phase", *_SUMMED]
+    parts = sorted((out / "transitions").glob("part-*.parquet"))
+    return pa.concat_tables([pq.read_table(part, columns=names, partitioning=None) for part in parts])
+
+
 def _episodes(episodes: pa.Table, rows: pa.Table, labels: Labels) -> pa.Table:
     """episodes.parquet of the new labels: what is a sum or a mean of them, taken again."""
-    sums = ("reward_dense_est", "reward_used", "estimation_error")
-    found = {
-        (str(each["split"][0]), int(each["episode"][0])): each
-        for each in _by_episode(columns(rows.select(["split", "episode", "step", "phase", *sums])))
-    }
+    found = {(str(each["split"][0]), int(each["episode"][0])): each for each in _by_episode(columns(rows))}
     made = []
     for row in episodes.to_pylist():
         new = found[row["split"], row["episode"]]
-        dense_est, used, errors = (new[name] for name in sums)
+        dense_est, used, errors = (new[name] for name in _SUMMED)
         made.append(
             row
             | {"run": labels.run_id, "scheme": labels.scheme, "phase": str(new["phase"][0])}
@@ -205,9 +173,8 @@ def _episodes(episodes: pa.Table, rows: pa.Table, labels: Labels) -> pa.Table:
 
 def _summary(rows: pa.Table) -> dict[str, Any]:
     """Headline figures for the manifest."""
-    error = pa.compute.mean(rows["estimation_error"]).as_py()
     return {
         "transitions": rows.num_rows,
-        "mean_reward_used": pa.compute.mean(rows["reward_used"]).as_py(),
-        "estimation_error": error,
+        "mean_reward_used": pc.mean(rows["reward_used"]).as_py(),
+        "estimation_error": pc.mean(rows["estimation_error"]).as_py(),
     }

@@ -69,10 +69,11 @@ def look(logged: LoggedEpisode, renderer: Renderer, pose: CameraPose) -> np.ndar
     """Frames (n + 1, H, W, 3) uint8 of the replayed states, the initial one first.
 
     Raises:
-        ArtifactError: the initial state is of another scene.
+        ArtifactError: the initial state is of another scene, or the replay is another trajectory.
     """
     frames: list[np.ndarray] = []
-    simulate(logged, lambda world: frames.append(renderer.render(world.qpos_full(), pose)))
+    trajectory = simulate(logged, lambda world: frames.append(renderer.render(world.qpos_full(), pose)))
+    compare(logged, trajectory).require_identical()
     return np.stack(frames)
 
 

@@ -1,0 +1,54 @@
+"""Logged episodes as another scheme's policy, or one with another estimator, would have seen them."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+
+from stages.replay.frames import run_camera
+from stages.replay.logs import LoggedEpisode
+from stages.replay.reestimate import Eye, reestimate
+from stages.replay.rollout import look
+from stages.replay.simulate import scene_of
+from stages.sim.renderer import Renderer
+from stages.sim.world import World
+
+ReplaceCube = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(observations (n, o), cube positions (n, 3) [m]) → the same observations of those cubes; the policy room's."""
+
+
+class Observer:
+    """Sees episodes again as the new scheme's policy would have seen them."""
+
+    def __init__(self, scheme: str, eye: Eye | None, replace_cube: ReplaceCube, stack: ExitStack) -> None:
+        self._scheme, self._eye, self._replace_cube, self._stack = scheme, eye, replace_cube, stack
+        self._renderer: Renderer | None = None  # one for all episodes, until the stack ends
+
+    def again(self, logged: LoggedEpisode) -> LoggedEpisode:
+        """With other estimates and observations where the scheme or the estimator asks for them.
+
+        Raises:
+            ArtifactError: its replay is another trajectory.
+            MachineError: there is no OpenGL to render with.
+        """
+        cubes = None
+        if self._eye:
+            cubes = self._eye.predict(self._frames(logged, self._eye.image_size))  # (n + 1, 3)
+            logged = reestimate(logged, cubes[1:], self._eye.name)
+        if self._scheme == "oracle":
+            first = World(scene_of(logged), logged.task).reset(logged.initial_state)["cube_position"]
+            cubes = np.concatenate([first[None], logged.vector("cube_true")])
+        return logged if cubes is None else self._seeing(logged, cubes)
+
+    def _seeing(self, logged: LoggedEpisode, cubes: np.ndarray) -> LoggedEpisode:
+        """Observations of `cubes` (n + 1, 3) before and after each action."""
+        seen = {"observation": cubes[:-1], "next_observation": cubes[1:]}
+        changed = {name: self._replace_cube(logged.rows[name], of) for name, of in seen.items()}
+        return replace(logged, rows=logged.rows | changed)
+
+    def _frames(self, logged: LoggedEpisode, size: int) -> np.ndarray:
+        camera = run_camera(logged)
+        if self._renderer is None:
+            self._renderer = self._stack.enter_context(Renderer(scene_of(logged), size, camera.config.fovy))
+        return look(logged, self._renderer, camera.pose)
