@@ -43,7 +43,7 @@ def dataset_source(dataset: Path, split: str | None, limit: int | None, images: 
     width = 8 if "lift" in manifest.config.get("collect", {}).get("tasks", ()) else 7
 
     def read() -> Iterator[Episode]:
-        for (file, of, number) in islice(files, total):
+        for file, of, number in islice(files, total):
             yield _episode(dataset / file, of, number, topics, width)
 
     world = manifest.config["world"]

@@ -1,0 +1,196 @@
+"""LeRobotDataset v3.0: rows in Parquet, images as video, episodes and statistics in `meta/`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from stages.replay.formats import lerobot_stats
+from stages.replay.formats.episodes import ENVIRONMENT_STATE, IMAGE, INSTRUCTIONS, STATE, Episode, Source
+from stages.replay.formats.lerobot_files import (
+    CODEC,
+    DATA_MB,
+    FILES_IN_CHUNK,
+    VIDEO_MB,
+    Place,
+    TableFiles,
+    VideoFiles,
+    pixel_format,
+)
+from stages.replay.formats.lerobot_stats import Statistics
+from stages.sim.scene import CONTROL_FREQUENCY
+
+_VERSION = "v3.0"
+_OBSERVATIONS = {STATE: "observation.state", ENVIRONMENT_STATE: "observation.environment_state"}
+_VIDEO = "observation.images.camera"
+_FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_TASKS = list(INSTRUCTIONS)  # a task's index is its place
+
+
+class LeRobotWriter:
+    """Writes the directory of a dataset.
+
+    A row is what was seen and what was done then; what followed has names that begin with `next.`. `timestamp` counts
+    the rows of an episode at the control frequency, as the format has it; `step` is the step of the simulation.
+    """
+
+    def __init__(self, source: Source, path: Path) -> None:
+        self._source, self._path = source, path
+        self._data, self._videos = TableFiles(path / "data"), VideoFiles(path / "videos" / _VIDEO)
+        self._features: dict[str, dict[str, Any]] = {}
+        self._episodes: list[dict[str, Any]] = []
+        self._statistics: list[dict[str, Statistics]] = []
+        self._frames = 0
+
+    def add(self, episode: Episode) -> None:
+        """Write the rows and frames of one episode."""
+        columns = _columns(episode, self._source.has_rewards, len(self._episodes), self._frames)
+        images = episode.observations.get(IMAGE)
+        found = {name: lerobot_stats.of_rows(values) for name, values in columns.items()}
+        place = self._data.add(_table(columns))
+        row = {"episode_index": len(self._episodes), "tasks": [INSTRUCTIONS[episode.task]], "length": episode.length}
+        row |= _file_columns("data", place)
+        row |= {"dataset_from_index": self._frames, "dataset_to_index": self._frames + episode.length}
+        if images is not None:
+            images = images[: episode.length]
+            found[_VIDEO] = lerobot_stats.of_images(images)
+            place, start, end = self._videos.add(images)
+            row |= _file_columns(f"videos/{_VIDEO}", place)
+            row |= {f"videos/{_VIDEO}/from_timestamp": start, f"videos/{_VIDEO}/to_timestamp": end}
+        self._features = self._features or _features(columns, images)
+        self._episodes.append(row)
+        self._statistics.append(found)
+        self._frames += episode.length
+
+    def finish(self) -> None:
+        """Write what is known of all episodes."""
+        self.close()
+        meta = self._path / "meta"
+        meta.mkdir()
+        _write_json(self._info(), meta / "info.json")
+        every = {name: lerobot_stats.together([of[name] for of in self._statistics]) for name in self._features}
+        _write_json({name: _as_lists(found) for name, found in every.items()}, meta / "stats.json")
+        pq.write_table(_tasks(), meta / "tasks.parquet")
+        place = Place.of(0)
+        rows = [
+            row | _flat(found) | _file_columns("meta/episodes", place)
+            for row, found in zip(self._episodes, self._statistics, strict=True)
+        ]
+        pq.write_table(pa.Table.from_pylist(rows), place.path(meta / "episodes", ".parquet"))
+
+    def close(self) -> None:
+        """Close the files."""
+        self._data.close()
+        self._videos.close()
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "codebase_version": _VERSION,
+            "robot_type": self._source.robot,
+            "total_episodes": len(self._episodes),
+            "total_frames": self._frames,
+            "total_tasks": len(_TASKS),
+            "chunks_size": FILES_IN_CHUNK,
+            "data_files_size_in_mb": DATA_MB,
+            "video_files_size_in_mb": VIDEO_MB,
+            "fps": CONTROL_FREQUENCY,
+            "splits": {"train": f"0:{len(self._episodes)}"},
+            "data_path": f"data/{_FILE}.parquet",
+            "video_path": f"videos/{{video_key}}/{_FILE}.mp4" if _VIDEO in self._features else None,
+            "features": self._features,
+        }
+
+
+def _columns(episode: Episode, has_rewards: bool, index: int, first: int) -> dict[str, np.ndarray]:
+    """Every column but the images, (n,) or (n, d)."""
+    n = episode.length
+    observed = {key: rows[:n] for key, rows in episode.observations.items() if key != IMAGE}
+    rewards = {"next.reward": episode.rewards} if has_rewards else {}
+    return {
+        **{_OBSERVATIONS[key]: rows for key, rows in observed.items()},
+        "action": episode.actions,
+        **rewards,
+        "next.done": episode.terminated | episode.truncated,
+        "next.truncated": episode.truncated,
+        **{f"next.{name}": values for name, values in episode.signals.items()},
+        "step": episode.steps,
+        "timestamp": (np.arange(n) / CONTROL_FREQUENCY).astype(np.float32),
+        "frame_index": np.arange(n),
+        "episode_index": np.full(n, index),
+        "index": np.arange(first, first + n),
+        "task_index": np.full(n, _TASKS.index(episode.task)),
+    }
+
+
+def _table(columns: dict[str, np.ndarray]) -> pa.Table:
+    return pa.table({name: _array(values) for name, values in columns.items()})
+
+
+def _array(values: np.ndarray) -> pa.Array:
+    if values.ndim == 1:
+        return pa.array(values)
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+def _features(columns: dict[str, np.ndarray], images: np.ndarray | None) -> dict[str, dict[str, Any]]:
+    """Type and shape of every feature."""
+    found: dict[str, dict[str, Any]] = {
+        name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": None}
+        for name, values in columns.items()
+    }
+    if images is not None:
+        found[_VIDEO] = _video_feature(*images.shape[1:])
+    return found
+
+
+def _video_feature(height: int, width: int, channels: int) -> dict[str, Any]:
+    about = {
+        "video.height": height,
+        "video.width": width,
+        "video.codec": CODEC,
+        "video.pix_fmt": pixel_format(height, width),
+        "video.is_depth_map": False,
+        "video.fps": CONTROL_FREQUENCY,
+        "video.channels": channels,
+        "has_audio": False,
+    }
+    names = ["height", "width", "channels"]
+    return {"dtype": "video", "shape": [height, width, channels], "names": names, "info": about}
+
+
+def _file_columns(what: str, place: Place) -> dict[str, int]:
+    return {f"{what}/chunk_index": place.chunk, f"{what}/file_index": place.file}
+
+
+def _tasks() -> pa.Table:
+    """Instructions as the index of a pandas table, which LeRobot reads them as."""
+    pandas = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [
+            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
+            for name, kind, stored in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+        ],
+    }
+    table = pa.table({"task_index": np.arange(len(_TASKS)), "task": [INSTRUCTIONS[task] for task in _TASKS]})
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+
+
+def _flat(statistics: dict[str, Statistics]) -> dict[str, Any]:
+    """An episode's statistics as columns."""
+    return {
+        f"stats/{name}/{kind}": values
+        for name, found in statistics.items()
+        for kind, values in _as_lists(found).items()
+    }
+
+
+def _as_lists(statistics: Statistics) -> dict[str, Any]:
+    return {kind: values.tolist() for kind, values in statistics.items()}
+
+
+def _write_json(content: dict[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(content, indent=4), encoding="utf-8")
