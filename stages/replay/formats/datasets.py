@@ -1,7 +1,7 @@
 """Episodes of a camera dataset: its kept frames, with the joints, the cube and the action of the same moment."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Generator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ def dataset_source(dataset: Path, split: str | None, limit: int | None, images: 
     topics = [topic for topic in TOPICS if images or topic != mcap_topics.CAMERA_IMAGE]
     width = 8 if "lift" in manifest.config.get("collect", {}).get("tasks", ()) else 7
 
-    def read() -> Iterator[Episode]:
+    def read() -> Generator[Episode, None, None]:
         for file, of, number in islice(files, total):
             yield _episode(dataset / file, of, number, topics, width)
 

@@ -1,6 +1,6 @@
 """What is exported: episodes as arrays, the same for every format, one in memory at a time."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,4 +56,4 @@ class Source:
     world: dict[str, Any]  # the artifact's WorldConfig
     has_rewards: bool
     total: int  # number of episodes that `read` gives
-    read: Callable[[], Iterator[Episode]]
+    read: Callable[[], Generator[Episode, None, None]]

@@ -22,9 +22,9 @@ Format = Literal["lerobot", "robomimic", "minari"]
 
 
 class Writer(Protocol):
-    """Takes one episode after the other; `finish` when there are no more, `close` in any case."""
+    """Takes one episode after the other, and says of how many steps; `finish` at the end, `close` in any case."""
 
-    def add(self, episode: Episode) -> None: ...
+    def add(self, episode: Episode) -> int: ...
 
     def finish(self) -> None: ...
 
@@ -55,13 +55,16 @@ def export(source: Source, form: Format, target: Path, progress: Progress) -> di
     """
     check_target(target)
     steps = 0
-    with _published(target) as temporary, progress.task(f"export {source.id}", source.total) as task:
-        with closing(source.read()) as episodes, closing(_writer(source, form, temporary)) as writer:
-            for episode in episodes:
-                writer.add(episode)
-                steps += episode.length
-                task.advance()
-            writer.finish()
+    with (
+        _published(target) as temporary,
+        progress.task(f"export {source.id}", source.total) as task,
+        closing(source.read()) as episodes,
+        closing(_writer(source, form, temporary)) as writer,
+    ):
+        for episode in episodes:
+            steps += writer.add(episode)
+            task.advance()
+        writer.finish()
     return {"artifact": source.id, "format": form, "path": str(target), "episodes": source.total, "steps": steps}
 
 

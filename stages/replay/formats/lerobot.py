@@ -45,8 +45,8 @@ class LeRobotWriter:
         self._statistics: list[dict[str, Statistics]] = []
         self._frames = 0
 
-    def add(self, episode: Episode) -> None:
-        """Write the rows and frames of one episode."""
+    def add(self, episode: Episode) -> int:
+        """Write the rows and frames of one episode; how many."""
         columns = _columns(episode, self._source.has_rewards, len(self._episodes), self._frames)
         images = episode.observations.get(IMAGE)
         found = {name: lerobot_stats.of_rows(values) for name, values in columns.items()}
@@ -64,6 +64,7 @@ class LeRobotWriter:
         self._episodes.append(row)
         self._statistics.append(found)
         self._frames += episode.length
+        return episode.length
 
     def finish(self) -> None:
         """Write what is known of all episodes."""

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from schemas.errors import ConfigError
 from stages.replay.formats.episodes import Episode, Source
 
 _STANDARD = "0.5.4"  # version of Minari whose layout this is
@@ -31,11 +32,11 @@ class MinariWriter:
         self._episodes = self._steps = 0
         self._spaces: dict[str, str] = {}
 
-    def add(self, episode: Episode) -> None:
-        """Write one episode, of two observations at least."""
+    def add(self, episode: Episode) -> int:
+        """Write one episode; its number of steps. One with a single observation has none, and is left out."""
         n = episode.length if episode.is_closed else episode.length - 1
         if n < 1:
-            return
+            return 0
         group = self._file.create_group(f"episode_{self._episodes}")
         group.attrs.update({"id": self._episodes, "total_steps": n, "split": episode.split, "task": episode.task})
         group.attrs.update(_reward_figures(episode.rewards[:n]))
@@ -49,9 +50,16 @@ class MinariWriter:
             group.create_dataset(f"infos/{key}", data=_with_reset(values[:n]))
         self._spaces = self._spaces or _spaces(episode)
         self._episodes, self._steps = self._episodes + 1, self._steps + n
+        return n
 
     def finish(self) -> None:
-        """Write the metadata."""
+        """Write the metadata.
+
+        Raises:
+            ConfigError: no episode has a step.
+        """
+        if not self._episodes:
+            raise ConfigError(f"{self._source.id}: its episodes have one frame each, Minari needs two: try lerobot")
         self._file.flush()
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", self._source.id.partition("/")[2])
         metadata = {

@@ -28,8 +28,8 @@ class RobomimicWriter:
         self._samples = 0
         self._splits: dict[str, list[str]] = {}
 
-    def add(self, episode: Episode) -> None:
-        """Write one trajectory."""
+    def add(self, episode: Episode) -> int:
+        """Write one trajectory; its number of samples."""
         name = f"demo_{sum(map(len, self._splits.values()))}"
         self._splits.setdefault(_FILTER_KEYS.get(episode.split, episode.split), []).append(name)
         demo, n = self._data.create_group(name), episode.length
@@ -41,6 +41,7 @@ class RobomimicWriter:
             if episode.is_closed:
                 _observation(demo, f"next_obs/{key}", values[1:])
         self._samples += n
+        return n
 
     def finish(self) -> None:
         """Write what is known of all trajectories."""

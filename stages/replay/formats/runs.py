@@ -1,6 +1,6 @@
 """Episodes of a run, or of a run's new labels."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from itertools import islice, pairwise
 from pathlib import Path
@@ -44,7 +44,7 @@ def run_source(run_dir: Path, split: str | None, limit: int | None, images: bool
         raise ConfigError(f"{manifest.id} has no episode of the split {split}; there: {there}")
     total = found if limit is None else min(limit, found)
 
-    def read() -> Iterator[Episode]:
+    def read() -> Generator[Episode, None, None]:
         logged = _logged(run_dir, manifest, summaries, split)
         with ExitStack() as stack:
             camera = _Camera(stack) if images else None
