@@ -59,5 +59,5 @@ def export(
     if options.as_json:
         print_json(written)
     elif not options.quiet:
-        text = f"{written['episodes']:,} episodes, {written['steps']:,} steps → {output}"
+        text = f"episodes: {written['episodes']:,}, steps: {written['steps']:,} → {output}"
         console().print(text, markup=False)

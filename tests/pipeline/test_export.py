@@ -42,7 +42,7 @@ def test_a_run_by_any_of_its_names(root: Path, tmp_path: Path) -> None:
         "steps": 6,
     }
     shown = export(root, RUN_NAME, "--format", "robomimic", "-o", tmp_path / "y.hdf5", "--episodes", 1)
-    assert shown.stdout.startswith("1 episodes, 3 steps → ")
+    assert shown.stdout.startswith("episodes: 1, steps: 3 → ")
     with h5py.File(tmp_path / "y.hdf5") as file:
         assert list(file["data"]) == ["demo_0"] and "image" not in file["data/demo_0/obs"]
     quiet = export(root, RUN_NAME, "--format", "lerobot", "-o", tmp_path / "z", "--quiet", "--images")
@@ -71,6 +71,8 @@ def test_without_images_a_dataset_is_numbers(root: Path, tmp_path: Path) -> None
     info = json.loads((tmp_path / "x" / "meta" / "info.json").read_text())
     assert not [name for name in info["features"] if "image" in name]
     assert not (tmp_path / "x" / "videos").exists()
+    tasks = pq.read_table(tmp_path / "x" / "data" / "chunk-000" / "file-000.parquet")["task_index"].to_pylist()
+    assert tasks == [0] * 4 + [1] * 4 + [0] * 4 and info["total_tasks"] == 2
 
 
 def test_what_is_refused(root: Path, tmp_path: Path) -> None:

@@ -19,12 +19,13 @@ from robomimic.utils.dataset import SequenceDataset
 from schemas.errors import ArtifactError, ConfigError
 from schemas.progress import Silent
 from schemas.tables import EPISODES
-from stages.replay.formats import lerobot_stats
+from stages.replay.formats import lerobot_files, lerobot_stats
 from stages.replay.formats.export import Format, export, open_source
 from stages.replay.logs import load_episode
 from stages.replay.rollout import roll_out
 from tests.replay.tiny_run import edit_manifest, tamper
 
+CAMERA = "observation.images.camera"
 STEPS = 20  # of each of the run's two episodes
 FORMATS: tuple[Format, ...] = ("lerobot", "robomimic", "minari")
 
@@ -185,7 +186,7 @@ def test_lerobot_video_has_the_frames_in_the_order_of_the_rows(
 ) -> None:
     path = exported(run_dir, "lerobot", tmp_path / "x", images=True)
     info = json.loads((path / "meta/info.json").read_text())
-    key = "observation.images.camera"
+    key = CAMERA
     assert info["features"][key]["dtype"] == "video" and info["features"][key]["shape"] == [64, 64, 3]
     episodes = pq.read_table(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     spans = [(row[f"videos/{key}/from_timestamp"], row[f"videos/{key}/to_timestamp"]) for row in episodes]
@@ -201,6 +202,21 @@ def test_lerobot_video_has_the_frames_in_the_order_of_the_rows(
     statistics = json.loads((path / "meta/stats.json").read_text())[key]
     expected = rendered.mean(axis=(0, 1, 2))[:, None, None] / 255
     np.testing.assert_allclose(statistics["mean"], expected, rtol=1e-9)
+
+
+def test_lerobot_begins_another_file_when_one_is_full(
+    run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lerobot_files, "DATA_MB", 0)
+    monkeypatch.setattr(lerobot_files, "VIDEO_MB", 0)
+    monkeypatch.setattr(lerobot_files, "FILES_IN_CHUNK", 1)
+    path = exported(run_dir, "lerobot", tmp_path / "x", images=True)
+    names = ("data/chunk_index", f"videos/{CAMERA}/chunk_index", f"videos/{CAMERA}/from_timestamp")
+    episodes = pq.read_table(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [[row[name] for name in names] for row in episodes] == [[0, 0, 0.0], [1, 1, 0.0]]
+    assert set(pq.read_table(path / "data/chunk-001/file-000.parquet")["episode_index"].to_pylist()) == {1}
+    with av.open(str(path / f"videos/{CAMERA}/chunk-001/file-000.mp4")) as video:
+        assert sum(1 for _ in video.decode()) == STEPS
 
 
 def test_image_statistics_are_those_of_the_bytes() -> None:

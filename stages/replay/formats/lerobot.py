@@ -27,7 +27,6 @@ _VERSION = "v3.0"
 _OBSERVATIONS = {STATE: "observation.state", ENVIRONMENT_STATE: "observation.environment_state"}
 _VIDEO = "observation.images.camera"
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-_TASKS = list(INSTRUCTIONS)  # a task's index is its place
 
 
 class LeRobotWriter:
@@ -43,11 +42,12 @@ class LeRobotWriter:
         self._features: dict[str, dict[str, Any]] = {}
         self._episodes: list[dict[str, Any]] = []
         self._statistics: list[dict[str, Statistics]] = []
+        self._tasks: list[str] = []  # a task's index is its place
         self._frames = 0
 
     def add(self, episode: Episode) -> int:
         """Write the rows and frames of one episode; how many."""
-        columns = _columns(episode, self._source.has_rewards, len(self._episodes), self._frames)
+        columns = _columns(episode, self._source.has_rewards) | self._indices(episode)
         images = episode.observations.get(IMAGE)
         found = {name: lerobot_stats.of_rows(values) for name, values in columns.items()}
         place = self._data.add(_table(columns))
@@ -74,7 +74,7 @@ class LeRobotWriter:
         _write_json(self._info(), meta / "info.json")
         every = {name: lerobot_stats.together([of[name] for of in self._statistics]) for name in self._features}
         _write_json({name: _as_lists(found) for name, found in every.items()}, meta / "stats.json")
-        pq.write_table(_tasks(), meta / "tasks.parquet")
+        pq.write_table(_task_table(self._tasks), meta / "tasks.parquet")
         place = Place.of(0)
         rows = [
             row | _flat(found) | _file_columns("meta/episodes", place)
@@ -87,13 +87,26 @@ class LeRobotWriter:
         self._data.close()
         self._videos.close()
 
+    def _indices(self, episode: Episode) -> dict[str, np.ndarray]:
+        """Columns that LeRobot finds rows by, (n,)."""
+        if episode.task not in self._tasks:
+            self._tasks.append(episode.task)
+        n = episode.length
+        return {
+            "timestamp": (np.arange(n) / CONTROL_FREQUENCY).astype(np.float32),
+            "frame_index": np.arange(n),
+            "episode_index": np.full(n, len(self._episodes)),
+            "index": np.arange(self._frames, self._frames + n),
+            "task_index": np.full(n, self._tasks.index(episode.task)),
+        }
+
     def _info(self) -> dict[str, Any]:
         return {
             "codebase_version": _VERSION,
             "robot_type": self._source.robot,
             "total_episodes": len(self._episodes),
             "total_frames": self._frames,
-            "total_tasks": len(_TASKS),
+            "total_tasks": len(self._tasks),
             "chunks_size": FILES_IN_CHUNK,
             "data_files_size_in_mb": DATA_MB,
             "video_files_size_in_mb": VIDEO_MB,
@@ -105,8 +118,8 @@ class LeRobotWriter:
         }
 
 
-def _columns(episode: Episode, has_rewards: bool, index: int, first: int) -> dict[str, np.ndarray]:
-    """Every column but the images, (n,) or (n, d)."""
+def _columns(episode: Episode, has_rewards: bool) -> dict[str, np.ndarray]:
+    """What was seen and done but for the images, and what followed, (n,) or (n, d)."""
     n = episode.length
     observed = {key: rows[:n] for key, rows in episode.observations.items() if key != IMAGE}
     rewards = {"next.reward": episode.rewards} if has_rewards else {}
@@ -118,11 +131,6 @@ def _columns(episode: Episode, has_rewards: bool, index: int, first: int) -> dic
         "next.truncated": episode.truncated,
         **{f"next.{name}": values for name, values in episode.signals.items()},
         "step": episode.steps,
-        "timestamp": (np.arange(n) / CONTROL_FREQUENCY).astype(np.float32),
-        "frame_index": np.arange(n),
-        "episode_index": np.full(n, index),
-        "index": np.arange(first, first + n),
-        "task_index": np.full(n, _TASKS.index(episode.task)),
     }
 
 
@@ -166,17 +174,15 @@ def _file_columns(what: str, place: Place) -> dict[str, int]:
     return {f"{what}/chunk_index": place.chunk, f"{what}/file_index": place.file}
 
 
-def _tasks() -> pa.Table:
+def _task_table(tasks: list[str]) -> pa.Table:
     """Instructions as the index of a pandas table, which LeRobot reads them as."""
-    pandas = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [
-            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
-            for name, kind, stored in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
-        ],
-    }
-    table = pa.table({"task_index": np.arange(len(_TASKS)), "task": [INSTRUCTIONS[task] for task in _TASKS]})
+    columns = (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    described = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
+        for name, kind, stored in columns
+    ]
+    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": described}
+    table = pa.table({"task_index": np.arange(len(tasks)), "task": [INSTRUCTIONS[task] for task in tasks]})
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 

@@ -66,35 +66,41 @@ class VideoFiles:
     """Frames one after the other, at the control frequency."""
 
     def __init__(self, directory: Path) -> None:
-        self._directory, self._index, self._frames = directory, 0, 0
-        self._path: Path | None = None
+        self._directory, self._index = directory, 0
+        self._frames = self._bytes = 0  # of the present file
         self._container: Any = None  # av's are made by functions with many overloads
         self._stream: Any = None
 
     def add(self, frames: np.ndarray) -> tuple[Place, float, float]:
         """Write frames (n, H, W, 3) uint8; which file they are in, from when to when [s]."""
-        if self._path and self._path.stat().st_size > VIDEO_MB * 2**20:
+        if self._bytes > VIDEO_MB * 2**20:
             self.close()
             self._index += 1
         if self._container is None:
             self._open(*frames.shape[1:3])
         first = self._frames
         for frame in frames:
-            self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+            self._write(av.VideoFrame.from_ndarray(frame, format="rgb24"))
         self._frames += len(frames)
         return Place.of(self._index), first / CONTROL_FREQUENCY, self._frames / CONTROL_FREQUENCY
 
     def close(self) -> None:
         """Finish the present file."""
         if self._container:
-            self._container.mux(self._stream.encode())
+            self._write(None)
             self._container.close()
-        self._path = self._container = None
-        self._frames = 0
+        self._container = None
+        self._frames = self._bytes = 0
+
+    def _write(self, frame: av.VideoFrame | None) -> None:
+        """Encode a frame; None: what the encoder still holds back."""
+        for packet in self._stream.encode(frame):
+            self._bytes += packet.size
+            self._container.mux(packet)
 
     def _open(self, height: int, width: int) -> None:
-        self._path = Place.of(self._index).path(self._directory, ".mp4")
-        self._container = av.open(str(self._path), "w", format="mp4")
+        path = Place.of(self._index).path(self._directory, ".mp4")
+        self._container = av.open(str(path), "w", format="mp4")
         self._stream = self._container.add_stream(_ENCODER, rate=Fraction(CONTROL_FREQUENCY), options=_OPTIONS)
         self._stream.height, self._stream.width = height, width
         self._stream.pix_fmt = pixel_format(height, width)
