@@ -1,6 +1,7 @@
 """`pipeline export`: what a user types, and what they are told."""
 
 import json
+import shutil
 from pathlib import Path
 
 import h5py
@@ -84,6 +85,17 @@ def test_what_is_refused(root: Path, tmp_path: Path) -> None:
     refused(export(root, "nothing", "--format", "minari", "-o", tmp_path / "x"), 3, "no artifact 'nothing'")
     refused(export(root, RUN_NAME, "--format", "csv", "-o", tmp_path / "x"), 2, "'csv' is not one of")
     assert list(tmp_path.iterdir()) == [there] and list(there.iterdir()) == []
+
+
+def test_new_labels_have_the_camera_of_their_run(tmp_path: Path) -> None:
+    run_dir = make_run(tmp_path / "data", episodes=1, steps=2)
+    labels = tmp_path / "data" / "relabels" / "new" / CELL
+    shutil.copytree(run_dir, labels)
+    edit_manifest(labels, stage="relabel", id=f"relabels/new/{CELL}")
+    asked = (f"relabels/new/{CELL}", "--format", "robomimic", "-o", tmp_path / "x", "--images", "--json")
+    assert answer(export(tmp_path / "data", *asked))["artifact"] == f"relabels/new/{CELL}"
+    with h5py.File(tmp_path / "x") as file:
+        assert file["data/demo_0/obs/image"].shape == (2, 64, 64, 3)
 
 
 def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:

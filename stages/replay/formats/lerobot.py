@@ -11,15 +11,14 @@ import pyarrow.parquet as pq
 from stages.replay.formats import lerobot_stats
 from stages.replay.formats.episodes import ENVIRONMENT_STATE, IMAGE, INSTRUCTIONS, STATE, Episode, Source
 from stages.replay.formats.lerobot_files import (
-    CODEC,
     DATA_MB,
     FILES_IN_CHUNK,
     VIDEO_MB,
     Place,
     TableFiles,
     VideoFiles,
-    pixel_format,
 )
+from stages.replay.formats.lerobot_meta import features, table, task_table
 from stages.replay.formats.lerobot_stats import Statistics
 from stages.sim.scene import CONTROL_FREQUENCY
 
@@ -47,24 +46,23 @@ class LeRobotWriter:
 
     def add(self, episode: Episode) -> int:
         """Write the rows and frames of one episode; how many."""
+        n = episode.length
         columns = _columns(episode, self._source.has_rewards) | self._indices(episode)
-        images = episode.observations.get(IMAGE)
-        found = {name: lerobot_stats.of_rows(values) for name, values in columns.items()}
-        place = self._data.add(_table(columns))
-        row = {"episode_index": len(self._episodes), "tasks": [INSTRUCTIONS[episode.task]], "length": episode.length}
-        row |= _file_columns("data", place)
-        row |= {"dataset_from_index": self._frames, "dataset_to_index": self._frames + episode.length}
-        if images is not None:
-            images = images[: episode.length]
-            found[_VIDEO] = lerobot_stats.of_images(images)
+        videos = {_VIDEO: episode.observations[IMAGE][:n]} if IMAGE in episode.observations else {}
+        row = {"episode_index": len(self._episodes), "tasks": [INSTRUCTIONS[episode.task]], "length": n}
+        row |= {"dataset_from_index": self._frames, "dataset_to_index": self._frames + n}
+        row |= _file_columns("data", self._data.add(table(columns)))
+        for name, images in videos.items():
             place, start, end = self._videos.add(images)
-            row |= _file_columns(f"videos/{_VIDEO}", place)
-            row |= {f"videos/{_VIDEO}/from_timestamp": start, f"videos/{_VIDEO}/to_timestamp": end}
-        self._features = self._features or _features(columns, images)
+            row |= _file_columns(f"videos/{name}", place)
+            row |= {f"videos/{name}/from_timestamp": start, f"videos/{name}/to_timestamp": end}
+        found = {name: lerobot_stats.of_rows(values) for name, values in columns.items()}
+        found |= {name: lerobot_stats.of_images(images) for name, images in videos.items()}
+        self._features = self._features or features(columns, videos)
         self._episodes.append(row)
         self._statistics.append(found)
-        self._frames += episode.length
-        return episode.length
+        self._frames += n
+        return n
 
     def finish(self) -> None:
         """Write what is known of all episodes."""
@@ -74,7 +72,7 @@ class LeRobotWriter:
         _write_json(self._info(), meta / "info.json")
         every = {name: lerobot_stats.together([of[name] for of in self._statistics]) for name in self._features}
         _write_json({name: _as_lists(found) for name, found in every.items()}, meta / "stats.json")
-        pq.write_table(_task_table(self._tasks), meta / "tasks.parquet")
+        pq.write_table(task_table(self._tasks), meta / "tasks.parquet")
         place = Place.of(0)
         rows = [
             row | _flat(found) | _file_columns("meta/episodes", place)
@@ -134,56 +132,8 @@ def _columns(episode: Episode, has_rewards: bool) -> dict[str, np.ndarray]:
     }
 
 
-def _table(columns: dict[str, np.ndarray]) -> pa.Table:
-    return pa.table({name: _array(values) for name, values in columns.items()})
-
-
-def _array(values: np.ndarray) -> pa.Array:
-    if values.ndim == 1:
-        return pa.array(values)
-    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
-
-
-def _features(columns: dict[str, np.ndarray], images: np.ndarray | None) -> dict[str, dict[str, Any]]:
-    """Type and shape of every feature."""
-    found: dict[str, dict[str, Any]] = {
-        name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": None}
-        for name, values in columns.items()
-    }
-    if images is not None:
-        found[_VIDEO] = _video_feature(*images.shape[1:])
-    return found
-
-
-def _video_feature(height: int, width: int, channels: int) -> dict[str, Any]:
-    about = {
-        "video.height": height,
-        "video.width": width,
-        "video.codec": CODEC,
-        "video.pix_fmt": pixel_format(height, width),
-        "video.is_depth_map": False,
-        "video.fps": CONTROL_FREQUENCY,
-        "video.channels": channels,
-        "has_audio": False,
-    }
-    names = ["height", "width", "channels"]
-    return {"dtype": "video", "shape": [height, width, channels], "names": names, "info": about}
-
-
 def _file_columns(what: str, place: Place) -> dict[str, int]:
     return {f"{what}/chunk_index": place.chunk, f"{what}/file_index": place.file}
-
-
-def _task_table(tasks: list[str]) -> pa.Table:
-    """Instructions as the index of a pandas table, which LeRobot reads them as."""
-    columns = (("task_index", "int64", "int64"), ("task", "unicode", "object"))
-    described = [
-        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
-        for name, kind, stored in columns
-    ]
-    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": described}
-    table = pa.table({"task_index": np.arange(len(tasks)), "task": [INSTRUCTIONS[task] for task in tasks]})
-    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
 def _flat(statistics: dict[str, Statistics]) -> dict[str, Any]:
