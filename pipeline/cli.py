@@ -29,6 +29,9 @@ COMMANDS = {
     "relabel": LazyCommand(
         "pipeline.commands.relabel:relabel", "Give logged transitions the rewards of another scheme or estimator."
     ),
+    "export": LazyCommand(
+        "pipeline.commands.export:export", "Write a run or a dataset in the format of LeRobot, robomimic or Minari."
+    ),
     "list": LazyCommand("pipeline.commands.list:list_artifacts", "List the artifacts that are there."),
     "show": LazyCommand("pipeline.commands.show:show", "Show one artifact with its lineage back to the first input."),
     "doctor": LazyCommand("pipeline.commands.doctor:doctor", "Check GL, GPU, disk and versions; say what to install."),
