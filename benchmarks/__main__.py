@@ -23,6 +23,7 @@ BENCHMARKS = {
     "td3": "TD3 updates/s per run in lockstep, against stable-baselines3's TD3",
     "log": "share of training time spent on logging, bytes per transition",
     "query": "six analyst questions over ten million transitions",
+    "afterwards": "an episode viewed and replayed, a study of 36 runs analysed",
 }
 
 
@@ -44,6 +45,7 @@ def main(name: str, as_json: bool, out: Path | None, quick: bool) -> None:
     td3          TD3 updates
     log          what logging costs
     query        questions over ten million transitions
+    afterwards   view, replay, analysis
 
     Close other programs first. What is compared with the public packages needs `make bench`.
     """

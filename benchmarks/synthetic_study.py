@@ -40,6 +40,7 @@ class StudySize:
     episodes: int
     final_episodes: int
     horizon: int = 200
+    settings: tuple[tuple[str, float], ...] = SETTINGS
 
     @property
     def config(self) -> RunConfig:
@@ -51,7 +52,7 @@ class StudySize:
     @property
     def runs(self) -> int:
         """Cells of the matrix."""
-        return len(SETTINGS) * len(SCHEMES) * self.seeds
+        return len(self.settings) * len(SCHEMES) * self.seeds
 
     @property
     def transitions(self) -> int:
@@ -67,7 +68,7 @@ SMALL = StudySize(seeds=1, episodes=40, final_episodes=10, horizon=20)
 
 def write_study(root: Path, size: StudySize, processes: int = 2) -> None:
     """Write all runs below `root`/runs/study."""
-    cells = list(product(SETTINGS, SCHEMES, range(size.seeds)))
+    cells = list(product(size.settings, SCHEMES, range(size.seeds)))
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         for _ in pool.map(partial(_write_run, root, size), cells):
             pass
@@ -204,7 +205,12 @@ def _publish(spec: RunSpec) -> None:
         name="study",
         status="complete",
         created_at="2026-01-02T03:04:05+00:00",
-        config={"policy": spec.config.model_dump(mode="json"), "run": identity, "estimator": None},
+        config={
+            "world": spec.world.model_dump(mode="json"),
+            "policy": spec.config.model_dump(mode="json"),
+            "run": identity,
+            "estimator": None,
+        },
         config_sha256="0" * 64,
         inputs=[],
         code=Code(version="0", git_commit=None, dirty=None),
