@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -45,8 +46,9 @@ def _command(root: Path, *arguments: str) -> list[str]:
     return [sys.executable, "-m", "pipeline", *arguments, "--data", str(root)]
 
 
-def _pipeline(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(_command(root, *arguments), capture_output=True, text=True, timeout=600)
+def _pipeline(root: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = _command(root, *arguments)
+    return subprocess.run(command, capture_output=True, text=True, timeout=600, env={**os.environ, **environment})
 
 
 def _answer(root: Path, *arguments: str) -> dict:
@@ -144,7 +146,7 @@ def test_an_episode_estimated_again_by_its_own_estimator_is_what_was_logged(root
 
 def test_new_labels_by_the_same_estimator_are_the_old_ones(root: Path) -> None:
     [cell] = _answer(root, "relabel", _cell("dense"), "--scheme", "dense", "--estimator", "tiny")["cells"]
-    assert cell["id"] == "relabels/tiny-dense-tiny/reach-dense-orbit05-seed0"
+    assert cell["id"] == "relabels/tiny-dense-tiny/reach-dense-orbit05-seed0-as-dense"
     sql = f"""SELECT count(*), max(abs(a.reward_used - b.reward_used)),
               max(list_max(list_transform(range(1, 25), lambda i: abs(a.observation[i] - b.observation[i]))))
               FROM transitions a JOIN relabelled_transitions b USING (split, episode, step)
@@ -152,6 +154,18 @@ def test_new_labels_by_the_same_estimator_are_the_old_ones(root: Path) -> None:
     [(count, reward, observation)] = _query(root, sql)
     assert count == (TRAIN + TRAIN // 2 + FINAL) * HORIZON
     assert reward < 1e-4 and observation < 1e-4
+
+
+def test_runs_that_differ_in_the_scheme_are_labelled_side_by_side(root: Path) -> None:
+    labels = ("--scheme", "dense2sparse", "--switch-episode", "2", "--name", "early")
+    done = _answer(root, "relabel", _cell("dense"), _cell("sparse"), *labels)
+    assert [cell["id"].rpartition("/")[2] for cell in done["cells"]] == [
+        f"reach-{scheme}-orbit05-seed0-as-dense2sparse" for scheme in ("dense", "sparse")
+    ]
+    refused = _pipeline(root, "relabel", "tiny", *labels)  # the oracle saw the truth
+    assert refused.returncode == 2 and "name with --estimator who makes them" in refused.stderr
+    rows = _query(root, "SELECT source, relabel FROM relabels JOIN relabelled_episodes USING (relabel) GROUP BY ALL")
+    assert (_cell("dense"), "early/reach-dense-orbit05-seed0-as-dense2sparse") in rows
 
 
 def test_learning_from_logs_alone(root: Path) -> None:
@@ -195,8 +209,9 @@ def test_recorded_frames_are_what_a_replay_renders(root: Path, tmp_path: Path) -
     ]
     assert len(pictures[0]) == HORIZON + 1
     np.testing.assert_array_equal(pictures[0], pictures[1])
-    saved = tmp_path / "view.rrd"
-    assert _pipeline(root, "view", cell, "--split", "train", "--episode", "2", "--save", str(saved)).returncode == 0
+    saved, blind = tmp_path / "view.rrd", {"MUJOCO_GL": "disabled"}
+    viewed = _pipeline(root, "view", cell, "--split", "train", "--episode", "2", "--save", str(saved), **blind)
+    assert viewed.returncode == 0, viewed.stderr  # nothing is rendered again
 
 
 @pytest.mark.parametrize("artifact", ["datasets/tiny", "estimators/tiny", f"runs/{_cell('dense')}"])

@@ -49,7 +49,8 @@ def load(root: Path, artifact_id: str) -> Manifest:
 def make(artifact_id: str) -> str:
     """Command that makes an artifact of this id."""
     kind, names = split_id(artifact_id)
-    return f"pipeline {STAGE_OF[kind]} --name {names[0]}"
+    more = " RUN --scheme …" if kind == "relabels" else ""
+    return f"pipeline {STAGE_OF[kind]}{more} --name {names[0]}"
 
 
 def _check_content(directory: Path, artifact_id: str, file: FileRef) -> None:

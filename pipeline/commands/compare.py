@@ -30,8 +30,9 @@ Example:
 def compare(options: Place, runs: tuple[str, ...], save: Path | None, confidence: float) -> None:
     """Compare runs: where they ended, how sure a difference is, in which settings they differ.
 
-    RUNS are NAMEs (all their cells) or NAME/CELL. Those that differ in nothing but the seed are one group; the first
-    group of each task is what the others of that task are measured against. Intervals are bootstrapped over seeds.
+    RUNS are NAMEs (all their cells) or NAME/CELL. Those of one NAME, task, misalignment and scheme are one group, its
+    seeds; the first group of each task is what the others of that task are measured against, a failed run counting as a
+    return of 0. Intervals are bootstrapped over seeds.
     """
     from pipeline.output import console, print_json
     from schemas.errors import ConfigError, unknown_choice
@@ -42,6 +43,8 @@ def compare(options: Place, runs: tuple[str, ...], save: Path | None, confidence
 
     if save and save.suffix not in FIGURE_SUFFIXES:
         raise ConfigError(unknown_choice("suffix of --save", save.suffix, FIGURE_SUFFIXES))
+    if save and not save.parent.is_dir():
+        raise ConfigError(f"--save {save}: there is no directory {save.parent}")
     compared = compared_runs(options.data, runs, AnalyzeConfig(confidence=confidence))
     if save:
         from stages.analyze.figures.compare import comparison

@@ -31,23 +31,23 @@ def relabel(
 ) -> None:
     """Give logged transitions the rewards of another scheme or estimator.
 
-    Writes relabels/NAME/CELL for each RUN (NAME: all its finished cells): the same transitions with the rewards, and
-    where the cube is seen otherwise the observations, that SCHEME would have given TD3. Ask them with `pipeline sql`
-    (relabelled_transitions), learn from them with `pipeline train-policy --offline`.
+    Writes relabels/NAME/CELL-as-SCHEME for each RUN (NAME: all its complete cells): the same transitions with the
+    rewards, and where the cube is seen otherwise the observations, that SCHEME would have given TD3. Ask them with
+    `pipeline sql` (relabelled_transitions), learn from them with `pipeline train-policy --offline`.
     """
     from pipeline.artifacts.inputs import resolve
     from pipeline.artifacts.names import check_name
     from pipeline.commands.results import show_labels
     from pipeline.config import load_config
     from pipeline.steps import relabel as step
-    from pipeline.steps.analyze import expand
     from pipeline.steps.session import Session
+    from pipeline.steps.sources import complete
     from schemas.errors import ConfigError
 
     if switch_episode is not None and scheme != "dense2sparse":
         raise ConfigError(f"--switch-episode: the scheme {scheme} has no switch")
     seen = resolve(options.data, estimator, ("estimators",)) if estimator else None
-    cells = list(dict.fromkeys(cell for run in runs for cell in expand(options.data, run)[0]))
+    cells = complete(options.data, runs)
     session = Session(options.store, load_config(None, None, ()), options.progress, resume)
     wish = step.Wish(scheme, switch_episode, seen)
     show_labels(options, step.relabel(session, name and check_name(name), cells, wish))

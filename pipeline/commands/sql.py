@@ -39,9 +39,10 @@ Example:
 def sql(options: Place, query: str | None, format_: str | None, output: Path | None, schema: bool) -> None:
     """Ask SQL over all logs.
 
-    Views: runs, episodes, transitions, evaluations, updates, datasets, frames, estimators, epochs, predictions;
-    macros for the usual questions: `--schema` lists both. DuckDB's dialect; reading only. The query is an argument, a
-    file, or comes on stdin. With --json: one object {"rows": […]}.
+    Views: runs, episodes, transitions, evaluations, updates, datasets, frames, estimators, epochs, predictions,
+    relabels, relabelled_episodes, relabelled_transitions; macros for the usual questions: `--schema` lists both.
+    DuckDB's dialect; reading only. The query is an argument, a file, or comes on stdin. With --json: one object
+    {"rows": […]}.
     """
     from schemas.errors import ArtifactError, ConfigError
 
@@ -113,10 +114,19 @@ def _text(query: str | None) -> str:
     if query is None and sys.stdin.isatty():
         raise ConfigError('no query: give one ("SELECT …"), a FILE.sql, or pipe one in; --schema shows what there is')
     if query is None or query == "-":
-        return sys.stdin.read()
+        return _decoded(sys.stdin.buffer.read(), "stdin")
     if not query.endswith(".sql"):
         return query
     try:
-        return Path(query).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return _decoded(Path(query).read_bytes(), query)
+    except OSError as error:
         raise ConfigError(f"cannot read {query}: {error}") from error
+
+
+def _decoded(data: bytes, source: str) -> str:
+    from schemas.errors import ConfigError
+
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"cannot read {source}: {error}") from error

@@ -54,7 +54,7 @@ def _recorder(
 
     if len(artifact) > 1 or _is_matrix(artifact[0]):
         return ", ".join(artifact), lambda file: record_comparison(options.data, artifact, file)
-    artifact_id = resolve(options.data, artifact[0])
+    artifact_id = resolve(options.data, artifact[0], ("runs", "datasets", "estimators", "reports"))
     load(options.data, artifact_id)
     return artifact_id, lambda file: record_artifact(options.store, artifact_id, split, episode, file)
 

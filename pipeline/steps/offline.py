@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.names import existing_ids
-from pipeline.steps.analyze import expand
 from pipeline.steps.policy import Matrix
 from pipeline.steps.session import Session
+from pipeline.steps.sources import complete
 from schemas.errors import ConfigError
 from stages.policy.config import MatrixConfig
 from stages.sim.config import WorldConfig
@@ -25,7 +24,7 @@ def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[
         ArtifactError: a source that is not there or not finished.
         ConfigError: sources of different worlds, estimators or observations.
     """
-    ids = list(dict.fromkeys(each for text in offline for each in _sources(session, text)))
+    ids = complete(session.root, offline, ("runs", "relabels"))
     configs = {each: load(session.root, each).config for each in ids}
     world = _same("world", configs)
     estimator, proprioception = _same("estimator", configs), _same("policy.proprioception", configs)
@@ -41,23 +40,13 @@ def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[
                 "misalignment_degrees": (degrees,),
                 "proprioception": proprioception,
                 "warmup_episodes": 0,  # nothing is tried out at random
+                "switch_episode": 0,  # rewards are as logged; what is learnt is judged by the scheme's last
             }
         )
         parts = {"world": WorldConfig.model_validate(world), "policy": MatrixConfig.model_validate(policy.model_dump())}
         of_group = replace(session, config=session.config.model_copy(update=parts))
         made.append(Matrix(of_group, name, tuple(sorted(members))))
     return made, estimator
-
-
-def _sources(session: Session, text: str) -> list[str]:
-    """Ids of the runs, or with relabels/ before it of the new labels, that NAME or NAME/CELL means."""
-    if not text.startswith("relabels/"):
-        return expand(session.root, text)[0]
-    there = existing_ids(session.root, "relabels")
-    found = [each for each in there if each == text or each.startswith(f"{text.rstrip('/')}/")]
-    if not found:
-        raise ConfigError(f"no {text} under {session.root}; there: {', '.join(there) or 'no relabels'}")
-    return found
 
 
 def _same(key: str, configs: dict[str, dict[str, Any]]) -> Any:

@@ -9,7 +9,6 @@ from pipeline.artifacts.inputs import input_ref, load, load_complete
 from pipeline.artifacts.space import require_space
 from pipeline.artifacts.store import Build, Request
 from pipeline.machine import require_sim
-from pipeline.matrix import cell_name
 from pipeline.steps.session import Outcome, Session, make
 
 if TYPE_CHECKING:
@@ -47,14 +46,19 @@ def request(session: Session, name: str, run: str, wish: Wish) -> Request:
         "run": identity,
         "estimator": wish.estimator.removeprefix("estimators/") if wish.estimator else was["estimator"],
     }
-    keys = ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")
-    cell = cell_name(*(identity[key] for key in keys))
+    cell = f"{run.split('/')[2]}-as-{wish.scheme}"  # runs that differ in the scheme alone stay apart
     return Request(f"relabels/{name}/{cell}", config, [input_ref(session.root, each) for each in ids])
 
 
 def relabel(session: Session, name: str | None, runs: Sequence[str], wish: Wish) -> list[Outcome]:
-    """Label runs anew, one after the other."""
+    """Label runs anew, one after the other, none of them if one would be refused."""
+    require_sim()
+    from stages.replay.relabel import check_possible
+
     asked = [(run, request(session, name or default_name(run, wish), run, wish)) for run in runs]
+    for run, each in asked:
+        session.store.existing(each, session.resume)
+        check_possible(load(session.root, run), wish.scheme, wish.estimator is not None)
     return [_relabel(session, run, each, wish) for run, each in asked]
 
 
@@ -68,7 +72,6 @@ def _relabel(session: Session, run: str, asked: Request, wish: Wish) -> Outcome:
         labels = Labels(asked.id.removeprefix("relabels/"), asked.config, with_cube, _eye(session, wish.estimator))
         return relabel(session.store.path(run), labels, build.path, session.progress)
 
-    require_sim()
     return make(session, asked, stage, renders=wish.estimator is not None)
 
 
@@ -87,4 +90,4 @@ def load_eye(directory: Path) -> "Eye":
     from stages.replay.reestimate import Eye
 
     loaded = Estimator.load(directory)
-    return Eye(directory.name, loaded.image_size, loaded.predict)
+    return Eye(directory.name, loaded.image_size, loaded.predict, loaded.camera)

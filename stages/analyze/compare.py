@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from schemas.config import flatten
 from schemas.errors import ArtifactError
 from stages.analyze.catalogue import artifacts, select
@@ -14,12 +16,13 @@ from stages.analyze.results import IDENTITY, Answer, Group, Row, groups, misalig
 from stages.analyze.statistics import Statistics
 from stages.analyze.study import ask
 
+_OR = " or "
 QUESTIONS = ("runs", "outcomes", "learning-area", "learning-curves")
 
 
 @dataclass(frozen=True)
 class Contest:
-    """A group against the first one of its task."""
+    """A group against the first one of its task; a failed run counts as a return of 0."""
 
     group: str
     baseline: str
@@ -27,7 +30,7 @@ class Contest:
     """Probability that a run of the group ends above one of the baseline (Agarwal et al. 2021); 0.5: no difference."""
     low: float | None  # bootstrap interval; None with one seed each
     high: float | None
-    difference: float  # of the means
+    difference: float  # of the means over the seeds in common; where there are none, of all
     seeds: int  # in common
     difference_low: float | None  # resampled by the seeds in common
     difference_high: float | None
@@ -35,7 +38,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class Setting:
-    """A key of the configuration that is not the same in all groups, with what it is in each."""
+    """A key of the configuration that is not the same in all runs, with what it is in each group."""
 
     key: str
     values: tuple[str, ...]
@@ -63,7 +66,7 @@ class Comparison:
 
 
 def compare(data_root: Path, names: Sequence[str], config: AnalyzeConfig) -> Comparison:
-    """Compare runs; those that differ in nothing but the seed are one group.
+    """Compare runs; those of one NAME, task, misalignment and scheme are one group, its seeds.
 
     `names` are NAMEs or NAME/CELL. The order of the groups is that of `names`, and the first of each task is what the
     others of that task are measured against.
@@ -117,19 +120,19 @@ def _contest(label: str, group: Group, first: str, baseline: Group, statistics: 
     paired = statistics.paired(mine, theirs, lambda a, b: a - b)
     if improvement is None:
         return None
-    seeds, _, low, high = paired or (0, 0.0, None, None)
-    difference = sum(mine.values()) / len(mine) - sum(theirs.values()) / len(theirs)
+    apart = float(np.mean(list(mine.values())) - np.mean(list(theirs.values())))
+    seeds, difference, low, high = paired or (0, apart, None, None)
     return Contest(label, first, *improvement, difference, seeds, low, high)
 
 
 def _settings(configs: Sequence[Sequence[dict[str, Any]]]) -> list[Setting]:
-    """Keys that differ between groups; who a run is (`run.*`) the labels say."""
+    """Keys that differ between groups or within one; who a run is (`run.*`) the labels say."""
     flattened = [[dict(flatten(config)) for config in group] for group in configs]
     keys = dict.fromkeys(key for group in flattened for config in group for key in config if not key.startswith("run."))
     found = []
     for key in keys:
-        values = tuple(" or ".join(dict.fromkeys(_text(c.get(key)) for c in group)) for group in flattened)
-        if len(set(values)) > 1:
+        values = tuple(_OR.join(dict.fromkeys(_text(c.get(key)) for c in group)) for group in flattened)
+        if len(set(values)) > 1 or any(_OR in value for value in values):
             found.append(Setting(key, values))
     return found
 

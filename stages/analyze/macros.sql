@@ -23,6 +23,7 @@ CREATE MACRO outcomes() AS TABLE
     ) = 1;
 
 -- Mean and interquartile mean over seeds of where runs ended, with 95 % bootstrap intervals, by scheme and misalignment.
+-- Failed runs are left out, running ones count with their last evaluation: `FROM runs` says which there are.
 -- Example: FROM return_by_scheme() WHERE name = 'demo'
 CREATE MACRO return_by_scheme() AS TABLE
     SELECT name, task, misalignment_kind, misalignment_deg, scheme, count(*) AS seeds,
@@ -36,7 +37,7 @@ CREATE MACRO return_by_scheme() AS TABLE
 -- How wrong the dense reward is, and which way, by how far the gripper truly is from the cube, in bins of `width` [m].
 -- Example: FROM reward_error_by_distance(width := 0.05) WHERE run = 'demo/reach-dense-orbit00-seed0'
 CREATE MACRO reward_error_by_distance(width := 0.02) AS TABLE
-    SELECT run, width * (floor(distance_true / width) + 0.5) AS distance,
+    SELECT run, width * (floor(distance_true / if(width > 0, width, error('width is positive'))) + 0.5) AS distance,
            avg(abs(reward_dense_est - reward_dense_true)) AS error,
            avg(reward_dense_est - reward_dense_true) AS bias,
            avg(estimation_error) AS estimation_error,

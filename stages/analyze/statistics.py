@@ -1,6 +1,6 @@
 """Statistics over seeds: few values, so intervals are bootstrapped and trimming is exact."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import comb
 
@@ -9,6 +9,7 @@ import numpy as np
 from stages.analyze.config import AnalyzeConfig
 
 BySeed = Mapping[int, float]
+_DRAWN_AT_ONCE = 2_000_000  # numbers of resamples in memory
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,19 @@ def bootstrap_interval(
     """Percentile bootstrap interval of `statistic`, which maps resamples (samples, n) to (samples,)."""
     if len(values) == 0:
         raise ValueError("a bootstrap of no values")
-    resamples = values[rng.integers(len(values), size=(samples, len(values)))]
     tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(statistic(resamples), [tail, 1.0 - tail])
+    low, high = np.quantile(np.concatenate(list(_drawn(values, rng, samples, statistic))), [tail, 1.0 - tail])
     return float(low), float(high)
+
+
+def _drawn(
+    values: np.ndarray, rng: np.random.Generator, samples: int, statistic: Callable[[np.ndarray], np.ndarray]
+) -> Iterator[np.ndarray]:
+    """`statistic` of `samples` resamples, some at a time, so that many values need no more memory than few."""
+    at_once = max(1, _DRAWN_AT_ONCE // len(values))
+    for first in range(0, samples, at_once):
+        size = min(at_once, samples - first), len(values)
+        yield statistic(values[rng.integers(len(values), size=size)])
 
 
 def paired_interval(

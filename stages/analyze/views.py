@@ -101,6 +101,8 @@ _FILE_VIEWS: dict[str, tuple[str, str, pa.Schema]] = {  # view: kind of artifact
     "epochs": ("estimators", "epochs.parquet", tables.EPOCHS),
     "predictions": ("estimators", "predictions.parquet", tables.PREDICTIONS),
 }
+_RELABELLED = ("relabelled_episodes", "relabelled_transitions")
+"""Views whose column `run` is called `relabel`: it is no run's name."""
 VIEWS = (*_MANIFEST_VIEWS, *_FILE_VIEWS)
 _LOGGED = ("complete", "running")
 """Statuses whose files are in the views (SPEC §6): a failed run is listed in `runs`, its logs are in no average."""
@@ -159,11 +161,16 @@ def _create_table(connection: duckdb.DuckDBPyConnection, name: str, table: pa.Ta
 
 def _create_view(connection: duckdb.DuckDBPyConnection, name: str, files: list[Path], schema: pa.Schema) -> None:
     if not files:
-        _create_table(connection, name, _plain(schema).empty_table())
+        empty = _plain(schema).empty_table()
+        names = ["relabel" if column == "run" else column for column in schema.names]
+        _create_table(connection, name, empty.rename_columns(names) if name in _RELABELLED else empty)
         return
     paths = ", ".join(literal(str(path)) for path in files)
+    columns = ", ".join(schema.names)
+    if name in _RELABELLED:
+        columns = columns.replace("run", "run AS relabel", 1)
     try:
-        connection.execute(f"CREATE VIEW {name} AS SELECT {', '.join(schema.names)} FROM read_parquet([{paths}])")
+        connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM read_parquet([{paths}])")
     except duckdb.Error as error:
         raise ArtifactError(f"cannot read the files of the view {name!r}: {error}") from None
 

@@ -146,7 +146,7 @@ class Schedule:
 
 def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
     spec, log, error = lockstep.specs[row], lockstep.logs[row], lockstep.errors[row]
-    summary = _summary(lockstep, log)
+    summary = _summary(lockstep, spec, log)
     if error is not None:
         log.flush()  # its parts stay as its checkpoints count them: it may be resumed
         return RunResult(spec.run_id, "failed", summary, error)
@@ -163,12 +163,14 @@ def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
     return RunResult(spec.run_id, "complete", summary)
 
 
-def _summary(lockstep: Lockstep, log: RunLog) -> dict[str, Any]:
-    """Headline figures of a run for its manifest."""
+def _summary(lockstep: Lockstep, spec: RunSpec, log: RunLog) -> dict[str, Any]:
+    """Headline figures of a run for its manifest; of one that learns from logs an episode is its updates."""
     evaluations, episodes = log.rows("evaluations"), log.rows("episodes")
     final = next((row for row in reversed(evaluations) if row["split"] == "final"), None)
     last = final or (evaluations[-1] if evaluations else None)
     trained = sum(row["split"] == "train" for row in episodes)
+    if spec.sources:
+        trained = max((row["after_episode"] for row in evaluations), default=0)
     errors = [row["mean_estimation_error"] for row in episodes if row["mean_estimation_error"] is not None]
     return {
         "episodes": trained,
@@ -178,5 +180,5 @@ def _summary(lockstep: Lockstep, log: RunLog) -> dict[str, Any]:
         "best_eval_return": max((r["mean_return"] for r in evaluations if r["split"] == "eval"), default=None),
         "estimation_error": float(np.mean(errors)) if errors else None,
         "steps_per_second": lockstep.steps / lockstep.seconds if lockstep.seconds else None,
-        "wall_time_s": float(sum(row["wall_time_s"] for row in episodes)),
+        "wall_time_s": float(sum(row["wall_time_s"] for row in episodes)) + lockstep.learning_seconds,
     }

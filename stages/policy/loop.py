@@ -79,6 +79,7 @@ class Lockstep:
         self.horizon = specs[0].world.horizon
         self.errors: list[str | None] = [None] * len(specs)
         self.steps, self.seconds = 0, 0.0  # environment steps per run, and the wall time they took
+        self.learning_seconds = 0.0  # wall time of updates without a step in the world
         self._worlds, self._estimator, self._td3, self._threads = worlds, estimator, td3, threads
         self._overlap, self._recorder = overlap, recorder
         self._learner = Learner(self.specs, td3, buffer, self.logs)
@@ -107,8 +108,10 @@ class Lockstep:
         for step in range(self.horizon):
             self._learner.learn(self.alive, step)
         self._learner.end(self.alive)
+        seconds = time.perf_counter() - started
+        self.learning_seconds += seconds
         task.advance()
-        task.note(f"{len(self.alive) * self.horizon / (time.perf_counter() - started):.0f} updates/s")
+        task.note(f"{len(self.alive) * self.horizon / seconds:.0f} updates/s")
 
     def evaluate(self, split: str, first: int, count: int, after_episode: int, task: Task) -> None:
         """`count` episodes without exploration noise, logged but not learnt from."""

@@ -15,8 +15,16 @@ _COLUMNS = ("observation", "action", "reward_used", "reward_sparse", "next_obser
 
 
 def count(sources: Sequence[Path]) -> int:
-    """Training transitions that the sources hold."""
-    return sum(_training(path, []).num_rows for path in _parts(sources))
+    """Training transitions that the sources hold.
+
+    Raises:
+        ArtifactError: one has none (a run that itself learnt from logs alone, say), or they are damaged.
+    """
+    found = [sum(_training(path, []).num_rows for path in _parts([source])) for source in sources]
+    for source, rows in zip(sources, found, strict=True):
+        if rows == 0:
+            raise ArtifactError(f"{source} has no training transitions to learn from, only evaluations")
+    return sum(found)
 
 
 def fill(buffer: ReplayBuffer, row: int, sources: Sequence[Path]) -> None:

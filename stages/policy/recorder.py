@@ -1,4 +1,8 @@
-"""Frames that policies saw, recorded to MCAP while they train: every n-th episode, with the topics of a dataset's."""
+"""Frames that policies saw, recorded to MCAP while they train: every n-th episode.
+
+Topics are a dataset's and the estimate; the arm's links and the simulator's states are not among them, for a replay has
+those.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,11 +18,6 @@ from stages.sim.pool import View
 
 _COMPRESSION = "zstd"
 _FORMAT: ImageFormat = "png"
-
-
-def recording_path(run: Path, split: str, episode: int) -> Path:
-    """Where a run's recording of an episode is, if there is one."""
-    return run / "recordings" / f"{split}-{episode:06d}.mcap"
 
 
 class Recorder:
@@ -56,7 +55,7 @@ class Recorder:
     def write(self, rows: Sequence[int], split: str, episode: int) -> None:
         """A file for each of these runs, whole or absent."""
         for row in rows:
-            path = recording_path(self._specs[row].out, split, episode)
+            path = mcap_files.recording_path(self._specs[row].out, split, episode)
             path.parent.mkdir(exist_ok=True)
             self._write(row, path, {"split": split, "episode": str(episode)})
 

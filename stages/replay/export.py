@@ -54,7 +54,8 @@ def export_episode(
     if save:
         check_target(save)
     logged = load_episode(run_dir, split, episode)
-    rollout = roll_out(logged, run_camera(logged, view), eye.image_size if eye else None)
+    camera = run_camera(logged, view, eye.camera if eye else {})
+    rollout = roll_out(logged, camera, eye.image_size if eye else None)
     outcome = None
     if eye:
         estimate = eye.predict(np.stack(rollout.seen[1:]))

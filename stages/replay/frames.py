@@ -4,15 +4,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from schemas import mcap_files, mcap_topics
 from schemas.errors import ArtifactError, ConfigError, unknown_choice
 from schemas.images import ImageFormat
-from schemas.mcap_files import read_messages
-from schemas.mcap_topics import CAMERA_IMAGE
 from stages.replay.logs import LoggedEpisode
 from stages.sim.camera import CameraPose, Intrinsics, intrinsics, misaligned, nominal_pose
 from stages.sim.config import CameraConfig, MisalignmentKind
@@ -59,35 +58,56 @@ class Camera:
         return "png" if self.config.image_size <= _LOSSLESS_UP_TO else "jpeg"
 
 
-def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN) -> Camera:
+def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN, otherwise: Mapping[str, Any] = {}) -> Camera:
     """The camera the run's estimates were made from: the estimator's nominal one, misaligned as the run says.
 
-    A run without estimator (oracle) had no camera: it is shown from the default one. `view` overrides image size and
-    misalignment.
+    A run without estimator (oracle) had no camera: it is shown from `otherwise`, fields of `CameraConfig`, by default
+    from the default one. `view` overrides image size, misalignment and the camera's fields.
 
     Raises:
         ArtifactError: the run's estimator is gone or damaged.
         ConfigError: the view is of no camera that could be.
     """
-    config, identity = _changed(_nominal(logged), view), logged.manifest.config["run"]
+    config, identity = _changed(_nominal(logged, otherwise), view), logged.manifest.config["run"]
     kind = view.misalignment_kind or identity["misalignment_kind"]
     degrees = float(identity["misalignment_deg"] if view.misalignment_deg is None else view.misalignment_deg)
     return Camera(config, misaligned(nominal_pose(config), kind, degrees, np.array(config.target)), kind, degrees)
 
 
-def recorded_frames(logged: LoggedEpisode) -> list[bytes] | None:
-    """PNG frames after each action that were recorded while the run was made; None: this episode was not.
+class Recorded(NamedTuple):
+    """What was recorded of an episode while it was made: the camera, and PNG frames after each action."""
+
+    camera: Camera
+    frames: list[bytes]
+
+
+def recorded_view(logged: LoggedEpisode) -> Recorded | None:
+    """The recorded frames of an episode; None: it was not recorded.
 
     Raises:
         ArtifactError: the recording is damaged, or of another number of steps.
     """
-    path = logged.run_dir / "recordings" / f"{logged.split}-{logged.episode:06d}.mcap"
+    path = mcap_files.recording_path(logged.run_dir, logged.split, logged.episode)
     if not path.is_file():
         return None
-    frames = [message.data for _, _, message in read_messages(path, CAMERA_IMAGE)]
-    if len(frames) != logged.steps + 1:
-        raise ArtifactError(f"{path} has {len(frames)} frames, its episode {logged.steps} steps: it is damaged")
-    return frames[1:]
+    topics = (mcap_topics.CAMERA_IMAGE, mcap_topics.CAMERA_CALIBRATION, mcap_topics.TF)
+    found: dict[str, list[Any]] = {topic: [] for topic in topics}
+    for topic, _, message in mcap_files.read_messages(path, *topics):
+        found[topic].append(message)
+    images, calibrations, transforms = found.values()
+    if not len(images) == len(calibrations) == len(transforms) == logged.steps + 1:
+        raise ArtifactError(f"{path} has {len(images)} frames, its episode {logged.steps} steps: it is damaged")
+    return Recorded(_recorded_camera(logged, calibrations[0], transforms[0]), [image.data for image in images[1:]])
+
+
+def _recorded_camera(logged: LoggedEpisode, calibration: Any, transforms: Any) -> Camera:
+    position, quaternion = mcap_topics.placement(transforms, mcap_topics.CAMERA_FRAME)
+    pose = CameraPose.from_quaternion(position, quaternion)
+    size, focal_length = calibration.height, calibration.K[4]  # [pixels]
+    fovy = float(np.degrees(2.0 * np.arctan2(0.5 * size, focal_length)))
+    run = logged.manifest.config["run"]
+    config = CameraConfig(image_size=size, fovy=fovy, position=tuple(position.tolist()))
+    return Camera(config, pose, run["misalignment_kind"], float(run["misalignment_deg"]))
 
 
 def _changed(config: CameraConfig, view: View) -> CameraConfig:
@@ -102,10 +122,10 @@ def _changed(config: CameraConfig, view: View) -> CameraConfig:
         raise ConfigError(f"camera setting {key}: {problem['msg']}") from error
 
 
-def _nominal(logged: LoggedEpisode) -> CameraConfig:
+def _nominal(logged: LoggedEpisode, otherwise: Mapping[str, Any]) -> CameraConfig:
     name = logged.manifest.config.get("estimator")
     if name is None:
-        return CameraConfig()
+        return CameraConfig.model_validate(otherwise)
     data_root = logged.run_dir.resolve().parents[2]
     return estimator_camera(data_root / "estimators" / name)
 

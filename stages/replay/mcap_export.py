@@ -68,6 +68,7 @@ def _metadata(logged: LoggedEpisode, rollout: Rollout) -> dict[str, str]:
         "steps": str(logged.steps),
         **{name: str(run[name]) for name in ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")},
         "camera": rollout.camera.misalignment,
+        "estimated_by": logged.reestimated or logged.manifest.config.get("estimator") or "nobody",
         "success": json.dumps(bool(logged.summary["success"])),
         "identical": json.dumps(rollout.result.identical),
         "config_sha256": logged.manifest.config_sha256,

@@ -34,7 +34,7 @@ class Observer:
         """
         cubes = None
         if self._eye:
-            cubes = self._eye.predict(self._frames(logged, self._eye.image_size))  # (n + 1, 3)
+            cubes = self._eye.predict(self._frames(logged, self._eye))  # (n + 1, 3)
             logged = reestimate(logged, cubes[1:], self._eye.name)
         if self._scheme == "oracle":
             first = World(scene_of(logged), logged.task).reset(logged.initial_state)["cube_position"]
@@ -47,8 +47,8 @@ class Observer:
         changed = {name: self._replace_cube(logged.rows[name], of) for name, of in seen.items()}
         return replace(logged, rows=logged.rows | changed)
 
-    def _frames(self, logged: LoggedEpisode, size: int) -> np.ndarray:
-        camera = run_camera(logged)
+    def _frames(self, logged: LoggedEpisode, eye: Eye) -> np.ndarray:
+        camera = run_camera(logged, otherwise=eye.camera)
         if self._renderer is None:
-            self._renderer = self._stack.enter_context(Renderer(scene_of(logged), size, camera.config.fovy))
+            self._renderer = self._stack.enter_context(Renderer(scene_of(logged), eye.image_size, camera.config.fovy))
         return look(logged, self._renderer, camera.pose)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rerun_blueprints.episode import episode_blueprint
 from stages.replay.dataset_track import dataset_track
-from stages.replay.frames import AS_THE_RUN, View, recorded_frames, run_camera
+from stages.replay.frames import AS_THE_RUN, View, recorded_view, run_camera
 from stages.replay.logs import load_episode
 from stages.replay.proof import ReplayResult
 from stages.replay.recording_file import recording_file
@@ -25,9 +25,10 @@ def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view:
         MachineError: there is no OpenGL to render with, or no space.
     """
     logged = load_episode(run_dir, split, episode)
-    rollout = roll_out(logged, run_camera(logged, view))
-    recorded = recorded_frames(logged) if view == AS_THE_RUN else None
-    write_track(run_track(logged, rollout, recorded), save)
+    recorded = recorded_view(logged) if view == AS_THE_RUN else None
+    camera = recorded.camera if recorded else run_camera(logged, view)
+    rollout = roll_out(logged, camera, rendered=recorded is None)
+    write_track(run_track(logged, rollout, recorded.frames if recorded else None), save)
     return rollout.result
 
 

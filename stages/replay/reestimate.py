@@ -3,8 +3,8 @@
 The trajectory stays the logged one, open loop: the policy does not act on the new estimates.
 """
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ class Eye:
     name: str
     image_size: int  # [pixels]
     predict: Predict
+    camera: Mapping[str, Any] = field(default_factory=dict)
+    """Its nominal camera (CameraConfig), from which it looks at a run that had none."""
 
 
 @dataclass(frozen=True)

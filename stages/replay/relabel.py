@@ -165,10 +165,15 @@ def _episodes(episodes: pa.Table, rows: pa.Table, labels: Labels) -> pa.Table:
         made.append(
             row
             | {"run": labels.run_id, "scheme": labels.scheme, "phase": str(new["phase"][0])}
-            | {"return_dense_est": float(dense_est.sum()), "return_used": float(used.sum())}
-            | {"mean_estimation_error": None if np.isnan(errors).all() else float(errors.mean())}
+            | {"return_dense_est": _known(dense_est.sum()), "return_used": _known(used.sum())}
+            | {"mean_estimation_error": _known(errors.mean())}
         )
     return pa.Table.from_pylist(made, schema=episodes.schema)
+
+
+def _known(value: float) -> float | None:
+    """What was never estimated is null."""
+    return None if np.isnan(value) else float(value)
 
 
 def _summary(rows: pa.Table) -> dict[str, Any]:

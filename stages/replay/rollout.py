@@ -27,12 +27,14 @@ class Rollout:
     qpos: np.ndarray  # (n + 1, nq) of the whole scene
     integration_states: np.ndarray  # (n + 1, k), MuJoCo's
     links: dict[str, Pose]  # of every body
-    frames: list[np.ndarray]  # each (H, W, 3) uint8
+    frames: list[np.ndarray]  # each (H, W, 3) uint8; none where they were not rendered
     seen: list[np.ndarray]  # the same in the size that an estimator takes
 
 
-def roll_out(logged: LoggedEpisode, camera: Camera | None = None, estimator_size: int | None = None) -> Rollout:
-    """Replay an episode with frames from `camera`, by default the run's own.
+def roll_out(
+    logged: LoggedEpisode, camera: Camera | None = None, estimator_size: int | None = None, rendered: bool = True
+) -> Rollout:
+    """Replay an episode with frames from `camera`, by default the run's own; none of them unless `rendered`.
 
     With an `estimator_size` [pixels] of its own an estimator looks through the same camera.
 
@@ -44,25 +46,23 @@ def roll_out(logged: LoggedEpisode, camera: Camera | None = None, estimator_size
     qpos: list[np.ndarray] = []
     integration_states: list[np.ndarray] = []
     poses: list[dict[str, tuple[np.ndarray, np.ndarray]]] = []
-    frames: list[np.ndarray] = []
-    seen: list[np.ndarray] = []
+    shown = camera.config.image_size
+    seen = estimator_size or shown
+    frames: dict[int, list[np.ndarray]] = {size: [] for size in {shown, seen} if rendered}
     with ExitStack() as stack:
-        renderer = stack.enter_context(Renderer(scene, camera.config.image_size, camera.config.fovy))
-        eye = None
-        if estimator_size not in (None, camera.config.image_size):
-            eye = stack.enter_context(Renderer(scene, estimator_size, camera.config.fovy))
+        renderers = {size: stack.enter_context(Renderer(scene, size, camera.config.fovy)) for size in frames}
 
         def watch(world: World) -> None:
             qpos.append(world.qpos_full())
             integration_states.append(world.integration_state())
             poses.append(world.link_poses())
-            frames.append(renderer.render(qpos[-1], camera.pose))
-            seen.append(eye.render(qpos[-1], camera.pose) if eye else frames[-1])
+            for size, renderer in renderers.items():
+                frames[size].append(renderer.render(qpos[-1], camera.pose))
 
         trajectory = simulate(logged, watch)
     result = compare(logged, trajectory)
-    states = np.array(integration_states)
-    return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), frames, seen)
+    states, pictures = np.array(integration_states), (frames.get(shown, []), frames.get(seen, []))
+    return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), *pictures)
 
 
 def look(logged: LoggedEpisode, renderer: Renderer, pose: CameraPose) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from schemas.config import Config
 
@@ -45,3 +45,9 @@ class CameraConfig(Config):
     """Point in the world [m] at the image centre."""
     fovy: Annotated[float, Field(gt=5, lt=120)] = 43.0
     """Vertical field of view [degrees]: with these defaults the cube stays in view at 10° of misalignment."""
+
+    @model_validator(mode="after")
+    def _check_direction(self) -> "CameraConfig":
+        if self.position == self.target:
+            raise ValueError("position and target are the same point: the camera looks nowhere")
+        return self

@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from pipeline.artifacts.store import Build, Request, Store
 from pipeline.cli import cli
@@ -17,8 +17,12 @@ from tests.pipeline.fakes import Run, Stages
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    """Call the command line on an empty data root of the test's own."""
-    return lambda *arguments: CliRunner().invoke(cli, [*map(str, arguments), "--data", str(tmp_path / "data")])
+    """Call the command line on an empty data root of the test's own; `input` is what comes on stdin."""
+
+    def call(*arguments: object, input: str | bytes | None = None) -> Result:
+        return CliRunner().invoke(cli, [*map(str, arguments), "--data", str(tmp_path / "data")], input=input)
+
+    return call
 
 
 @pytest.fixture

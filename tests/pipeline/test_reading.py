@@ -205,6 +205,22 @@ def test_sql_formats(run: Run, family: Store, tmp_path: Path) -> None:
     assert list(csv.reader((tmp_path / "a.csv").open())) == [["episode", "step"], ["3", "7"], ["3", "8"]]
 
 
+def test_sql_from_stdin(run: Run, family: Store) -> None:
+    for arguments in ((), ("-",)):
+        assert run("sql", *arguments, "--format", "csv", input="SELECT 1 AS n").stdout == "n\n1\n"
+    refused = run("sql", "-", input=b"SELECT '\xff'")
+    assert (refused.exit_code, "cannot read stdin" in refused.stderr) == (2, True)
+
+
+def test_sql_schema(run: Run, tmp_path: Path) -> None:
+    shown = run("sql", "--schema").stdout
+    assert "reward_dense_est" in shown and "return_by_scheme()" in shown
+    one = json.loads(run("sql", "--schema", "updates", "--json").stdout)
+    assert list(one["views"]) == ["updates"] and one["macros"] == []
+    wrong = run("sql", "--schema", "update")
+    assert (wrong.exit_code, "unknown view 'update'; valid: datasets" in wrong.stderr) == (2, True)
+
+
 def test_sql_from_a_file(run: Run, family: Store, tmp_path: Path) -> None:
     question = tmp_path / "question.sql"
     assert run("sql", question).exit_code == 2

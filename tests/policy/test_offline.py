@@ -105,6 +105,13 @@ def test_a_cloned_policy_stays_close_to_the_logged_actions(source: RunSpec, tmp_
     assert off("near", near) < 0.5 * off("free", free)
 
 
+def test_a_source_that_has_only_evaluations(source: RunSpec, tmp_path: Path) -> None:
+    from_logs = learner(tmp_path / "offline", source)
+    trained([from_logs])
+    with pytest.raises(ArtifactError, match="has no training transitions to learn from, only evaluations"):
+        offline.count([source.out, from_logs.out])
+
+
 def test_a_source_without_transitions(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="has no transitions/part-"):
         offline.count([tmp_path])

@@ -332,3 +332,11 @@ def test_what_is_no_run(fresh_run: Callable[..., Path]) -> None:
     pq.write_table(pa.Table.from_pylist(row.to_pylist(), schema=EPISODES), run_dir / "episodes.parquet")
     with pytest.raises(ArtifactError, match=r"has an episode that episodes\.parquet does not name"):
         list(open_source(run_dir, None, 2, images=False).read())
+
+
+def test_images_of_another_trajectory_are_refused(fresh_run: Callable[..., Path], tmp_path: Path) -> None:
+    run_dir = fresh_run()
+    tamper(run_dir, "eef_x", 5, lambda x: x + 0.001)
+    with pytest.raises(ArtifactError, match="does not replay: from step 5 on eef differs"):
+        exported(run_dir, "minari", tmp_path / "x", images=True)
+    assert list(tmp_path.iterdir()) == [tmp_path / "data"]

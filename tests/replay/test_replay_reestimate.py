@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stages.policy.config import RunConfig
-from stages.policy.schemes import reward_kind, select_reward
+from stages.policy.schemes import phase, reward_kind, select_reward
 from stages.replay import relabelling
 from stages.replay.export import export_episode
 from stages.replay.frames import View
@@ -73,9 +73,7 @@ def test_an_estimator_sees_its_own_image_size_whatever_is_saved(run_dir: Path, t
     trained=st.lists(st.integers(0, 9), min_size=1, max_size=8),
     split=st.sampled_from(["train", "eval", "final"]),
 )
-def test_the_reward_chosen_is_the_one_that_training_gives(
-    scheme: Any, switch: int, trained: list[int], split: str
-) -> None:
+def test_reward_and_phase_are_those_of_training(scheme: Any, switch: int, trained: list[int], split: str) -> None:
     n, horizon = len(trained), 200
     rng = np.random.default_rng(n)
     rows = {f"reward_{term}": rng.random(n) for term in ("dense_true", "dense_est", "sparse")}
@@ -83,9 +81,12 @@ def test_the_reward_chosen_is_the_one_that_training_gives(
     rows["split"] = np.full(n, split)
     rows["episode"] = number if split == "train" else np.zeros(n, int)
     rows["global_step"] = (number if split == "train" else number + 1) * horizon
-    config = {"run": {"scheme": scheme}, "world": {"horizon": horizon}, "policy": {"switch_episode": switch}}
-    found = relabelling.used(config, rows)
+    run_config = RunConfig(switch_episode=switch, warmup_episodes=2)
+    policy = {"switch_episode": switch, "warmup_episodes": 2}
+    config = {"run": {"scheme": scheme}, "world": {"horizon": horizon}, "policy": policy}
+    found, phases = relabelling.used(config, rows), relabelling.phases(config, rows)
     for row, episode in enumerate(trained):
-        kind = reward_kind(scheme, episode, RunConfig(switch_episode=switch))
+        kind = reward_kind(scheme, episode, run_config)
+        assert phases[row] == phase(scheme, episode, run_config)
         parts = [rows[f"reward_{term}"][row : row + 1] for term in ("dense_true", "dense_est", "sparse")]
         assert found[row] == select_reward(scheme, kind, *parts)[0]

@@ -16,6 +16,7 @@ from stages.replay.formats.episodes import IMAGE, STATE, Episode, Source
 from stages.replay.frames import run_camera
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
 from stages.replay.parquet import reading
+from stages.replay.proof import compare
 from stages.replay.simulate import scene_of, simulate
 from stages.sim.renderer import Renderer
 from stages.sim.world import World
@@ -91,7 +92,11 @@ class _Camera:
         self._renderer: Renderer | None = None
 
     def watch(self, logged: LoggedEpisode) -> tuple[np.ndarray, np.ndarray]:
-        """Frames (n + 1, H, W, 3) uint8 of the replayed states, and the states (n + 1, k): time [s], qpos, qvel."""
+        """Frames (n + 1, H, W, 3) uint8 of the replayed states, and the states (n + 1, k): time [s], qpos, qvel.
+
+        Raises:
+            ArtifactError: the replay is another trajectory than the logged one.
+        """
         scene, camera = scene_of(logged), run_camera(logged)
         if self._renderer is None:
             renderer = Renderer(scene, camera.config.image_size, camera.config.fovy)
@@ -103,7 +108,7 @@ class _Camera:
             frames.append(seen.render(world.qpos_full(), camera.pose))
             states.append(world.integration_state()[:size])
 
-        simulate(logged, watch)
+        compare(logged, simulate(logged, watch)).require_identical()
         return np.stack(frames), np.stack(states)
 
 
