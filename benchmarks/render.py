@@ -13,7 +13,8 @@ from benchmarks.outcome import Outcome, Part, Target
 from stages.sim.camera import CameraPose, misaligned, nominal_pose
 from stages.sim.config import CameraConfig, WorldConfig
 from stages.sim.renderer import Renderer
-from stages.sim.scene import Scene, build_scene, make_environment
+from stages.sim.robosuite_scene import make_environment
+from stages.sim.scene import Scene, build_scene
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World
 

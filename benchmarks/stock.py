@@ -22,7 +22,7 @@ from stages.perception.resnet34 import ResNet34
 from stages.policy.config import TD3Config
 from stages.policy.observation import observation_dim
 from stages.sim.config import WorldConfig
-from stages.sim.scene import make_environment
+from stages.sim.robosuite_scene import make_environment
 
 OBSERVATION_DIM, ACTION_DIM = observation_dim("forward_kinematics"), 7
 CAMERA = "agentview"

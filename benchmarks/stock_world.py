@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from stages.sim.config import WorldConfig
-from stages.sim.scene import make_environment
+from stages.sim.robosuite_scene import make_environment
 from stages.sim.state import pack_state, unpack_state
 from stages.sim.world import World
 

@@ -17,8 +17,7 @@ def gripper_control(scene: Scene, goal: np.ndarray, command: np.ndarray) -> tupl
     As robosuite's SimpleGripController: the gripper ramps its goal towards the command's sign, once per control step,
     and the goal −1…1 spans the actuators' range.
     """
-    scene.gripper.current_action = goal
-    goal = np.array(scene.gripper.format_action(command), dtype=float)
+    goal = np.clip(goal + scene.gripper_ramp * np.sign(command), -1.0, 1.0)
     low, high = scene.model.actuator_ctrlrange[scene.gripper_actuators].T
     control = 0.5 * (high + low) + 0.5 * (high - low) * np.clip(goal, -1, 1)
     return goal, np.clip(control, low, high)
@@ -60,7 +59,7 @@ def _close(scene: Scene) -> Any:
     """Data with the gripper closed and the arm held against gravity in its rest pose."""
     model, data = scene.model, mujoco.MjData(scene.model)
     data.qpos[scene.arm_qpos], data.qpos[scene.gripper_qpos] = scene.rest_qpos, scene.gripper_rest_qpos
-    goal = np.zeros(scene.gripper.dof)
+    goal = np.zeros(len(scene.gripper_ramp))
     for step in range(_CLOSING_STEPS):
         mujoco.mj_step1(model, data)
         if step % scene.substeps == 0:

@@ -11,6 +11,7 @@ import fast_simplification
 import mujoco
 import numpy as np
 
+from stages.sim import scene_cache
 from stages.sim.scene import Scene
 
 VISUAL_GROUP = 1  # robosuite: visual geoms in group 1, collision geoms in group 0
@@ -39,7 +40,11 @@ def link_meshes(scene: Scene) -> list[LinkMesh]:
 
 @lru_cache(maxsize=2)
 def visual_model(scene: Scene) -> Any:
-    """The scene compiled with decimated visual meshes. Shared: never modified."""
+    """The scene compiled with decimated visual meshes, or as it was kept on disk. Shared: never modified."""
+    return scene_cache.kept("visual", scene.config, lambda: (_compile(scene), {}))[0]
+
+
+def _compile(scene: Scene) -> Any:
     spec = mujoco.MjSpec.from_string(scene.xml)
     for mesh in spec.meshes:
         original = scene.model.mesh(mesh.name)

@@ -1,74 +1,26 @@
-"""The compiled robosuite scene: `Lift` with a 5 cm cube, and what the world needs to know about it."""
+"""The compiled scene: robosuite's `Lift` with a 5 cm cube, and what the world needs to know about it."""
 
-import logging
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import mujoco
 import numpy as np
 
-logging.disable(logging.WARNING)  # robosuite's import warns of optional parts that this project leaves out
-
-import robosuite  # noqa: E402
-from robosuite.controllers import load_composite_controller_config, load_part_controller_config  # noqa: E402
-from robosuite.environments.manipulation.lift import Lift  # noqa: E402
-from robosuite.models.objects import BoxObject  # noqa: E402
-from robosuite.models.robots import Sawyer  # noqa: E402
-from robosuite.models.tasks import ManipulationTask  # noqa: E402
-from robosuite.robots import register_robot_class  # noqa: E402
-from robosuite.utils.log_utils import ROBOSUITE_DEFAULT_LOGGER  # noqa: E402
-
-logging.disable(logging.NOTSET)
-ROBOSUITE_DEFAULT_LOGGER.setLevel(logging.ERROR)
-
-from stages.sim.config import WorldConfig  # noqa: E402
-from stages.sim.controller import VelocityGains  # noqa: E402
+from stages.sim import scene_cache
+from stages.sim.config import WorldConfig
+from stages.sim.controller import VelocityGains
 
 CUBE_HALF_SIZE = 0.025  # [m]; paper §V-B: 5 × 5 × 5 cm
 TABLE_HEIGHT = 0.8  # [m]; robosuite's Lift
 CONTROL_FREQUENCY = 20  # [Hz]; SPEC §3
 
 
-@register_robot_class("FixedBaseRobot")
-class ThinHeadSawyer(Sawyer):
-    """robosuite's Sawyer, which MuJoCo refuses since 3.3 because visual meshes of its head have no volume."""
-
-    def get_model(self, mode: str = "mujoco") -> Any:
-        """Compile with those meshes as shells. They have no part in collisions or inertia."""
-        for mesh in self.root.iter("mesh"):
-            if "_head_" in mesh.get("name"):
-                mesh.set("inertia", "shell")
-        return super().get_model(mode)
-
-
-_ROBOT_MODELS = {"Sawyer": "ThinHeadSawyer"}  # the others go by their own name
-
-
-class CubeLift(Lift):
-    """robosuite's Lift with the paper's 5 cm cube; Lift itself draws a cube of 4.0 to 4.4 cm."""
-
-    def _load_model(self) -> None:
-        super()._load_model()
-        arena = self.model.mujoco_arena  # type: ignore[has-type]  # robosuite is untyped
-        self.cube = BoxObject(name="cube", size=[CUBE_HALF_SIZE] * 3, rgba=[1, 0, 0, 1], material=_red_wood())
-        self.placement_initializer.reset()
-        self.placement_initializer.add_objects(self.cube)
-        self.model = ManipulationTask(
-            mujoco_arena=arena,
-            mujoco_robots=[robot.robot_model for robot in self.robots],
-            mujoco_objects=self.cube,
-        )
-
-
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Compiled model and indices. Shared by every world and renderer of a process; never modified."""
+class Facts:
+    """What robosuite knows about a compiled model."""
 
-    config: WorldConfig
     xml: str
-    model: Any  # mujoco.MjModel
-    gripper: Any  # robosuite GripperModel: maps gripper commands to actuator goals
+    gripper_ramp: np.ndarray  # (a,) added to the gripper's goal in a control step that closes it
     gains: VelocityGains
     arm_qpos: np.ndarray  # (7,) indices
     arm_qvel: np.ndarray  # (7,)
@@ -83,93 +35,54 @@ class Scene:
     grip_site: int
     finger_geoms: dict[str, np.ndarray]  # geom ids: cube, left_pad, right_pad, fingers, hand
 
+
+@dataclass(frozen=True, eq=False)
+class Scene(Facts):
+    """Compiled model and indices. Shared by every world and renderer of a process; never modified."""
+
+    config: WorldConfig
+    model: Any  # mujoco.MjModel
+
     @property
     def substeps(self) -> int:
         """Physics steps per control step."""
         return int(1 / CONTROL_FREQUENCY / self.model.opt.timestep)
 
 
-def make_environment(config: WorldConfig, **options: Any) -> Lift:
-    """Stock robosuite environment of this scene; `options` go to robosuite."""
-    settings = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False, "hard_reset": False}
-    return CubeLift(
-        robots=_ROBOT_MODELS.get(config.robot, config.robot),
-        controller_configs=_controller_config(config),
-        control_freq=CONTROL_FREQUENCY,
-        horizon=config.horizon,
-        ignore_done=True,
-        **(settings | options),
-    )
-
-
 @lru_cache(maxsize=2)
 def build_scene(config: WorldConfig) -> Scene:
-    """Compile the scene (seconds; kept for the life of the process)."""
-    environment = make_environment(config)
-    scene = _describe(config, environment)
-    environment.close()
-    return scene
+    """The scene, compiled (seconds) or as it was kept on disk; shared for the life of the process."""
+
+    def make() -> tuple[Any, dict[str, Any]]:
+        from stages.sim.robosuite_scene import compile_scene  # imports robosuite: half a second
+
+        model, facts = compile_scene(config)
+        return model, _to_plain(facts)
+
+    model, plain = scene_cache.kept("scene", config, make)
+    return Scene(**_from_plain(plain), config=config, model=model)
 
 
-def _describe(config: WorldConfig, environment: Lift) -> Scene:
-    robot = environment.robots[0]
-    model = environment.sim.model._model
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # nobody reads them; a tenth of a step's time
-    gripper = robot.gripper["right"]
-    arm = robot.part_controllers["right"]
-    return Scene(
-        config=config,
-        xml=environment.model.get_xml(),
-        model=model,
-        gripper=gripper,
-        gains=_gains(arm),
-        arm_qpos=np.array(arm.qpos_index),
-        arm_qvel=np.array(arm.qvel_index),
-        arm_actuators=np.array(robot._ref_actuators_indexes_dict["right"]),
-        gripper_qpos=np.array(robot._ref_gripper_joint_pos_indexes["right"]),
-        gripper_actuators=np.array(robot._ref_actuators_indexes_dict["right_gripper"]),
-        joint_names=tuple(robot.robot_joints),
-        rest_qpos=np.array(robot.init_qpos, dtype=float),
-        gripper_rest_qpos=np.array(gripper.init_qpos, dtype=float),
-        cube_qpos=int(model.jnt_qposadr[model.joint(environment.cube.joints[0]).id]),
-        cube_body=environment.cube_body_id,
-        grip_site=model.site(gripper.important_sites["grip_site"]).id,
-        finger_geoms=_geom_groups(model, gripper, environment.cube),
-    )
+def _to_plain(facts: Facts) -> dict[str, Any]:
+    """As JSON has it: floats keep every bit there."""
+    values = vars(facts) | {"gains": vars(facts.gains)}
+    return {name: _listed(value) for name, value in values.items()}
 
 
-def _gains(arm: Any) -> VelocityGains:
-    low, high = arm.actuator_limits
-    return VelocityGains(arm.kp, arm.ki, arm.kd, low, high, float(arm.output_max[0]), arm.velocity_limits)
+def _listed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _listed(item) for name, item in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _geom_groups(model: Any, gripper: Any, cube: Any) -> dict[str, np.ndarray]:
-    parts = gripper.important_geoms
-    names = {
-        "cube": cube.contact_geoms,
-        "left_pad": parts["left_fingerpad"],
-        "right_pad": parts["right_fingerpad"],
-        "fingers": parts["left_finger"] + parts["right_finger"],
-        "hand": gripper.contact_geoms,
+def _from_plain(plain: dict[str, Any]) -> dict[str, Any]:
+    """The inverse of `_to_plain`, as keywords."""
+    return _arrays(plain) | {
+        "gains": VelocityGains(**_arrays(plain["gains"])),
+        "finger_geoms": {group: np.array(ids, dtype=int) for group, ids in plain["finger_geoms"].items()},
+        "joint_names": tuple(plain["joint_names"]),
     }
-    return {group: np.array([model.geom(name).id for name in geoms]) for group, geoms in names.items()}
 
 
-def _controller_config(config: WorldConfig) -> dict[str, Any]:
-    """robosuite's default JOINT_VELOCITY part for the arm, with the configured velocity range."""
-    composite = load_composite_controller_config(robot=config.robot)
-    part = load_part_controller_config(default_controller="JOINT_VELOCITY")
-    part["output_max"], part["output_min"] = config.max_joint_velocity, -config.max_joint_velocity
-    part["gripper"] = composite["body_parts"]["right"]["gripper"]
-    composite["body_parts"]["right"] = part
-    return composite
-
-
-def _red_wood() -> Any:
-    return robosuite.utils.mjcf_utils.CustomMaterial(
-        texture="WoodRed",
-        tex_name="redwood",
-        mat_name="redwood_mat",
-        tex_attrib={"type": "cube"},
-        mat_attrib={"texrepeat": "1 1", "specular": "0.4", "shininess": "0.1"},
-    )
+def _arrays(plain: dict[str, Any]) -> dict[str, Any]:
+    return {name: np.array(value) if isinstance(value, list) else value for name, value in plain.items()}

@@ -29,7 +29,7 @@ class World:
         self._controller = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators)
         self._signals = TaskSignals(scene)
         self._offset = gripper_point_offset(scene, task)
-        self._gripper_goal = np.zeros(scene.gripper.dof)
+        self._gripper_goal = np.zeros(len(scene.gripper_ramp))
         self._bodies = [scene.model.body(i).name for i in range(1, scene.model.nbody)]
 
     def reset(self, initial_state: np.ndarray) -> np.void:
@@ -38,7 +38,7 @@ class World:
         mujoco.mj_resetData(model, data)
         unpack_state(model, data, initial_state)
         self._controller.reset()
-        self._gripper_goal = np.zeros(self.scene.gripper.dof)
+        self._gripper_goal = np.zeros(len(self.scene.gripper_ramp))
         mujoco.mj_step1(model, data)
         return self.state()
 
