@@ -39,6 +39,13 @@ class JointVelocityController:
         self._indices = np.stack([joints, actuators])  # (2, n)
         self._memory = np.zeros((3 + _DERIVATIVE_WINDOW, len(joints)))  # goal, last error, summed error, derivatives
         self._flags = np.zeros(2, np.int64)  # substeps so far, saturated
+        self._load()
+
+    def _load(self) -> None:
+        """Have the compiled code in memory before the first step: loading it takes as long as 300 steps."""
+        still = np.zeros(self._indices.max() + 1)
+        self.control(still, still, still.copy())
+        self.reset()
 
     def reset(self) -> None:
         """Forget goal and errors, as robosuite does by making a new controller."""
