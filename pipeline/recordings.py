@@ -42,7 +42,7 @@ def record_artifact(store: Store, artifact_id: str, split: str, episode: int, sa
         record_episode(store.root)("/".join(split_id(artifact_id)[1]), split, episode, save)
         return {"split": split, "episode": episode}
     if kind == "datasets":
-        from stages.replay.recording import record_dataset_episode
+        from stages.replay.dataset_recording import record_dataset_episode
 
         return {"episode": episode, "frames": record_dataset_episode(path, episode, save)}
     if kind == "estimators":

@@ -1,4 +1,4 @@
-"""Parquet files that are whole or absent."""
+"""Files that are whole or absent, and where they lie."""
 
 import os
 from pathlib import Path
@@ -70,3 +70,8 @@ def fsync_directory(directory: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def recording_path(run: Path, split: str, episode: int) -> Path:
+    """Where a run keeps the frames of an episode that were recorded while it was made."""
+    return run / "recordings" / f"{split}-{episode:06d}.mcap"

@@ -29,11 +29,6 @@ TOPICS = tuple(_TYPES)
 _SYNCED_AT_ONCE = 8  # 0.35 ms a file instead of 2.7 one after the other
 
 
-def recording_path(run: Path, split: str, episode: int) -> Path:
-    """Where a run keeps the frames of an episode that were recorded while it was made."""
-    return run / "recordings" / f"{split}-{episode:06d}.mcap"
-
-
 @contextmanager
 def create(path: Path, compression: str, *, durable: bool = True) -> Iterator[Writer]:
     """Writer of a file that appears at `path` when the block ends, whole and durable; not at all when it raises.

@@ -1,8 +1,8 @@
 """Resolved-rate control of the gripper: where it should go → normalised joint velocities."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from stages.sim.rotation import matrix_of
 from stages.sim.world import World
 
 POSITION_GAIN = 4.0  # [1/s]
@@ -37,7 +37,7 @@ def closing_direction(axes: np.ndarray, grasped: np.ndarray | None) -> np.ndarra
     present = _horizontal(axes[:, 1])
     if grasped is None:
         return present
-    side = _horizontal(Rotation.from_quat(grasped, scalar_first=True).as_matrix()[:, 0])
+    side = _horizontal(matrix_of(grasped)[:, 0])
     other = _cross(UP, side)
     sides = np.array([side, -side, other, -other])
     return sides[np.argmax(sides @ present)]

@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 from mcap_protobuf.writer import Writer
-from scipy.spatial.transform import Rotation
 
 from schemas import mcap_files, mcap_topics
 from schemas.images import encode
@@ -20,6 +19,7 @@ from stages.collect.plan import EpisodePlan
 from stages.collect.simulate import Episode, Snapshot
 from stages.sim.camera import CameraPose, intrinsics, nominal_pose
 from stages.sim.renderer import Renderer
+from stages.sim.rotation import vector_of
 
 _VERSIONED = ("mujoco", "robosuite", "numpy")
 
@@ -65,7 +65,7 @@ def episode_metadata(
 ) -> dict[str, str]:
     """What the file's `episode` metadata record says; values that are not words are JSON."""
     nominal = nominal_pose(config.camera)
-    turn = Rotation.from_matrix(nominal.rotation.T @ camera.rotation).as_rotvec(degrees=True)
+    turn = np.degrees(vector_of(nominal.rotation.T @ camera.rotation))
     return {
         "episode": str(plan.episode),
         "seed": str(plan.seed),

@@ -11,6 +11,7 @@ import numpy as np
 
 from schemas import mcap_files, mcap_topics
 from schemas.entities import CUBE_EST
+from schemas.files import recording_path
 from schemas.images import ImageFormat, encode
 from schemas.mcap_frames import CameraView, frame_messages
 from stages.policy.config import RunSpec
@@ -55,7 +56,7 @@ class Recorder:
     def write(self, rows: Sequence[int], split: str, episode: int) -> None:
         """A file for each of these runs, whole or absent."""
         for row in rows:
-            path = mcap_files.recording_path(self._specs[row].out, split, episode)
+            path = recording_path(self._specs[row].out, split, episode)
             path.parent.mkdir(exist_ok=True)
             self._write(row, path, {"split": split, "episode": str(episode)})
 

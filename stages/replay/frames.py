@@ -4,12 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from schemas import mcap_files, mcap_topics
 from schemas.errors import ArtifactError, ConfigError, unknown_choice
 from schemas.images import ImageFormat
 from stages.replay.logs import LoggedEpisode
@@ -72,42 +71,6 @@ def run_camera(logged: LoggedEpisode, view: View = AS_THE_RUN, otherwise: Mappin
     kind = view.misalignment_kind or identity["misalignment_kind"]
     degrees = float(identity["misalignment_deg"] if view.misalignment_deg is None else view.misalignment_deg)
     return Camera(config, misaligned(nominal_pose(config), kind, degrees, np.array(config.target)), kind, degrees)
-
-
-class Recorded(NamedTuple):
-    """What was recorded of an episode while it was made: the camera, and PNG frames after each action."""
-
-    camera: Camera
-    frames: list[bytes]
-
-
-def recorded_view(logged: LoggedEpisode) -> Recorded | None:
-    """The recorded frames of an episode; None: it was not recorded.
-
-    Raises:
-        ArtifactError: the recording is damaged, or of another number of steps.
-    """
-    path = mcap_files.recording_path(logged.run_dir, logged.split, logged.episode)
-    if not path.is_file():
-        return None
-    topics = (mcap_topics.CAMERA_IMAGE, mcap_topics.CAMERA_CALIBRATION, mcap_topics.TF)
-    found: dict[str, list[Any]] = {topic: [] for topic in topics}
-    for topic, _, message in mcap_files.read_messages(path, *topics):
-        found[topic].append(message)
-    images, calibrations, transforms = found.values()
-    if not len(images) == len(calibrations) == len(transforms) == logged.steps + 1:
-        raise ArtifactError(f"{path} has {len(images)} frames, its episode {logged.steps} steps: it is damaged")
-    return Recorded(_recorded_camera(logged, calibrations[0], transforms[0]), [image.data for image in images[1:]])
-
-
-def _recorded_camera(logged: LoggedEpisode, calibration: Any, transforms: Any) -> Camera:
-    position, quaternion = mcap_topics.placement(transforms, mcap_topics.CAMERA_FRAME)
-    pose = CameraPose.from_quaternion(position, quaternion)
-    size, focal_length = calibration.height, calibration.K[4]  # [pixels]
-    fovy = float(np.degrees(2.0 * np.arctan2(0.5 * size, focal_length)))
-    run = logged.manifest.config["run"]
-    config = CameraConfig(image_size=size, fovy=fovy, position=tuple(position.tolist()))
-    return Camera(config, pose, run["misalignment_kind"], float(run["misalignment_deg"]))
 
 
 def _changed(config: CameraConfig, view: View) -> CameraConfig:

@@ -1,9 +1,9 @@
 """Cubes as a camera sees them."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stages.sim.camera import CameraPose, Intrinsics, project
+from stages.sim.rotation import matrix_of
 from stages.sim.scene import CUBE_HALF_SIZE
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * CUBE_HALF_SIZE  # (8, 3)
@@ -12,7 +12,7 @@ _EDGE_WALK = [0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2]  # one line along 
 
 def cube_edges(position: np.ndarray, quaternion: np.ndarray, camera: CameraPose, intrinsics: Intrinsics) -> np.ndarray:
     """Edges of cubes at `position` (n, 3) [m], `quaternion` (n, 4) wxyz, as one line each: (n, 16, 2) [pixels]."""
-    turned = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()  # (n, 3, 3)
+    turned = np.stack([matrix_of(each) for each in quaternion])  # (n, 3, 3)
     corners = position[:, None] + np.einsum("nij,kj->nki", turned, _CORNERS)  # (n, 8, 3)
     return in_image(corners, camera, intrinsics)[:, _EDGE_WALK]
 

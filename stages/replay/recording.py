@@ -1,11 +1,12 @@
-"""Rerun recordings (.rrd) of an episode: of a run, replayed and rendered anew, or of a dataset."""
+"""Rerun recordings (.rrd) of an episode of a run, replayed and rendered anew."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rerun_blueprints.episode import episode_blueprint
-from stages.replay.dataset_track import dataset_track
-from stages.replay.frames import AS_THE_RUN, View, recorded_view, run_camera
-from stages.replay.logs import load_episode
+from schemas.files import recording_path
+from stages.replay.frames import AS_THE_RUN, View, run_camera
+from stages.replay.logs import LoggedEpisode, load_episode
 from stages.replay.proof import ReplayResult
 from stages.replay.recording_file import recording_file
 from stages.replay.rollout import roll_out
@@ -13,6 +14,9 @@ from stages.replay.run_track import run_track
 from stages.replay.scene_log import log_scene
 from stages.replay.series_log import log_series
 from stages.replay.track import EpisodeTrack
+
+if TYPE_CHECKING:
+    from stages.replay.recorded import Recorded
 
 
 def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
@@ -25,23 +29,21 @@ def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view:
         MachineError: there is no OpenGL to render with, or no space.
     """
     logged = load_episode(run_dir, split, episode)
-    recorded = recorded_view(logged) if view == AS_THE_RUN else None
+    recorded = _recorded(logged) if view == AS_THE_RUN else None
     camera = recorded.camera if recorded else run_camera(logged, view)
     rollout = roll_out(logged, camera, rendered=recorded is None)
     write_track(run_track(logged, rollout, recorded.frames if recorded else None), save)
     return rollout.result
 
 
-def record_dataset_episode(dataset: Path, episode: int, save: Path) -> int:
-    """Write a recording of a dataset's episode to `save`: its frames as collected. Returns their number.
+def _recorded(logged: LoggedEpisode) -> "Recorded | None":
+    """What was recorded of the episode, if it was. Reading MCAP is imported for one that was."""
+    path = recording_path(logged.run_dir, logged.split, logged.episode)
+    if not path.is_file():
+        return None
+    from stages.replay.recorded import read_recording
 
-    Raises:
-        ArtifactError: the episode or its dataset is missing or damaged.
-        MachineError: there is no space.
-    """
-    track = dataset_track(dataset, episode)
-    write_track(track, save)
-    return len(track.clock)
+    return read_recording(logged, path)
 
 
 def write_track(track: EpisodeTrack, save: Path) -> None:

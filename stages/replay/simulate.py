@@ -46,7 +46,7 @@ def simulate(logged: LoggedEpisode, watch: Watch | None = None) -> Trajectory:
     Raises:
         ArtifactError: the initial state is of another scene.
     """
-    world = World(scene_of(logged), logged.task)
+    world = World(scene_of(logged), logged.task, compiled=False)
     initial = world.reset(logged.initial_state)
     watch = watch or (lambda _: None)
     watch(world)

@@ -1,4 +1,4 @@
-"""Camera geometry: poses, domain randomisation, misalignment, projection. NumPy and SciPy only.
+"""Camera geometry: poses, domain randomisation, misalignment, projection. Arithmetic only, nothing of a scene.
 
 Frames: the optical frame has x right, y down, z forward (OpenCV, Foxglove). Image coordinates put (0, 0) on the outer
 corner of the top-left pixel, so pixel i covers [i, i + 1) and the principal point of a centred camera is size / 2.
@@ -7,10 +7,10 @@ corner of the top-left pixel, so pixel i covers [i, i + 1) and the principal poi
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from schemas.errors import unknown_choice
 from stages.sim.config import CameraConfig
+from stages.sim.rotation import matrix_about, matrix_of, matrix_of_vector, quaternion_of
 
 WORLD_UP = np.array([0.0, 0.0, 1.0])
 
@@ -25,12 +25,12 @@ class CameraPose:
     @property
     def quaternion(self) -> np.ndarray:
         """Orientation as (w, x, y, z), w ≥ 0."""
-        return Rotation.from_matrix(self.rotation).as_quat(canonical=True, scalar_first=True)
+        return quaternion_of(self.rotation)
 
     @staticmethod
     def from_quaternion(position: np.ndarray, quaternion: np.ndarray) -> "CameraPose":
         """Inverse of `position, quaternion`; `quaternion` is (w, x, y, z)."""
-        return CameraPose(np.asarray(position), Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
+        return CameraPose(np.asarray(position), matrix_of(quaternion))
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,7 @@ def displaced(pose: CameraPose, rng: np.random.Generator, translation: float, ro
     """Domain randomisation (paper §IV): uniform shift [m] and rotation [degrees] about each camera axis."""
     shift = rng.uniform(-translation, translation, 3)
     angles = rng.uniform(-rotation_deg, rotation_deg, 3)
-    turn = Rotation.from_rotvec(np.radians(angles)).as_matrix()
-    return CameraPose(pose.position + shift, pose.rotation @ turn)
+    return CameraPose(pose.position + shift, pose.rotation @ matrix_of_vector(np.radians(angles)))
 
 
 def misaligned(pose: CameraPose, kind: str, degrees: float, pivot: np.ndarray) -> CameraPose:
@@ -86,9 +85,9 @@ def misaligned(pose: CameraPose, kind: str, degrees: float, pivot: np.ndarray) -
         ValueError: `kind` is neither.
     """
     if kind == "pan":
-        return CameraPose(pose.position, pose.rotation @ _about([0.0, 1.0, 0.0], degrees))
+        return CameraPose(pose.position, pose.rotation @ matrix_about(np.array([0.0, 1.0, 0.0]), np.radians(degrees)))
     if kind == "orbit":
-        turn = _about(WORLD_UP, degrees)
+        turn = matrix_about(WORLD_UP, np.radians(degrees))
         return CameraPose(pivot + turn @ (pose.position - pivot), turn @ pose.rotation)
     raise ValueError(unknown_choice("misalignment", kind, ("pan", "orbit")))
 
@@ -103,7 +102,3 @@ def unproject(pixels: np.ndarray, depth: np.ndarray, pose: CameraPose, camera: I
     """Image coordinates (n, 2) [pixels] at depth (n,) [m] along the optical axis → world points (n, 3) [m]."""
     rays = np.concatenate([(pixels - camera.centre) / camera.focal, np.ones((len(pixels), 1))], axis=1)
     return pose.position + (rays * depth[:, None]) @ pose.rotation.T
-
-
-def _about(axis: np.ndarray | list[float], degrees: float) -> np.ndarray:
-    return Rotation.from_rotvec(np.radians(degrees) * np.asarray(axis)).as_matrix()

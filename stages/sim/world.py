@@ -22,11 +22,12 @@ class World:
     (gripper point, contacts) belongs to the state itself instead of lagging one substep behind.
     """
 
-    def __init__(self, scene: Scene, task: str) -> None:
+    def __init__(self, scene: Scene, task: str, *, compiled: bool = True) -> None:
+        """`compiled` or not, trajectories are the same bit for bit; for a few hundred steps it is faster not."""
         self.scene, self.task = scene, task
         self.action_dim = 8 if task == "lift" else 7
         self._data = mujoco.MjData(scene.model)
-        self._controller = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators)
+        self._controller = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators, compiled=compiled)
         self._signals = TaskSignals(scene)
         self._offset = gripper_point_offset(scene, task)
         self._gripper_goal = np.zeros(len(scene.gripper_ramp))

@@ -61,7 +61,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
         return 12
 
     monkeypatch.setattr("stages.replay.recording.record_episode", record)
-    monkeypatch.setattr("stages.replay.recording.record_dataset_episode", record)
+    monkeypatch.setattr("stages.replay.dataset_recording.record_dataset_episode", record)
     monkeypatch.setattr("stages.replay.estimator_recording.record_estimator", record)
     return calls
 

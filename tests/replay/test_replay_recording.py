@@ -11,10 +11,11 @@ from rerun.chunk import Chunk, McapReader, RrdReader
 from rerun_blueprints.episode import episode_blueprint
 from schemas import entities
 from schemas.errors import ArtifactError, ConfigError, PipelineError
+from stages.replay.dataset_recording import record_dataset_episode
 from stages.replay.dataset_track import dataset_track
 from stages.replay.frames import View, run_camera
 from stages.replay.logs import load_episode
-from stages.replay.recording import record_dataset_episode, record_episode
+from stages.replay.recording import record_episode
 from stages.replay.rollout import roll_out
 from stages.replay.run_track import run_track
 from stages.sim.camera import nominal_pose

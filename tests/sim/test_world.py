@@ -36,11 +36,12 @@ def test_trajectories_equal_stock_robosuite(scene: Scene, task: str) -> None:
     assert stock.environment._check_success() == state["lifted"]
 
 
-def test_torques_equal_robosuite_controller_bit_for_bit(scene: Scene) -> None:
+@pytest.mark.parametrize("compiled", [True, False])
+def test_torques_equal_robosuite_controller_bit_for_bit(scene: Scene, compiled: bool) -> None:
     """Thousands of substeps, of which many saturate, with a new goal every 25."""
     stock = StockWorld(scene.config, "reach")
     theirs, data = stock.environment.robots[0].part_controllers["right"], stock.data
-    ours = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators)
+    ours = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators, compiled=compiled)
     rng, ctrl, saturated = np.random.default_rng(0), np.zeros(scene.model.nu), 0
     for substep in range(4000):
         if substep % 25 == 0:
@@ -105,13 +106,13 @@ def test_same_state_and_actions_give_the_same_bits(scene: Scene) -> None:
     initial, rng = _initial(scene, "lift"), np.random.default_rng(3)
     actions = rng.uniform(-1, 1, (10, 8)).astype(np.float32)
     ends = []
-    for _ in range(2):
-        world = World(scene, "lift")
+    for compiled in (True, True, False):
+        world = World(scene, "lift", compiled=compiled)
         world.reset(initial)
         for action in actions:
             world.step(action)
         ends.append(world.integration_state())
-    assert np.array_equal(*ends)
+    assert np.array_equal(ends[0], ends[1]) and np.array_equal(ends[0], ends[2])
 
 
 def test_touch_is_judged_by_contact(scene: Scene) -> None:
