@@ -107,4 +107,4 @@ def _compiled() -> Callable[..., Any]:
     import numba
 
     # No fastmath, which would change the order of the arithmetic and so the bits.
-    return numba.njit(cache=True)(_control)  # type: ignore[no-any-return]
+    return numba.njit(cache=True)(_control)
