@@ -1,6 +1,6 @@
 """Rerun recordings of whatever an artifact holds, made by the rooms that know how."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -21,43 +21,54 @@ def recording_path(save: Path) -> Path:
     return save
 
 
-def record_episode(root: Path) -> Callable[[str, str, int, Path], None]:
-    """(run, split, episode, file) → recording of a logged episode: what the report is given, since it knows no sim."""
+class Recorder:
+    """Records what the logs under a data root hold: the report is given one, since it knows no simulator."""
 
-    def record(run: str, split: str, episode: int, save: Path) -> None:
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def episode(self, run: str, split: str, episode: int, file: Path) -> None:
+        """Of a logged episode of runs/`run`."""
         require_sim()
-        from stages.replay.recording import record_episode as replayed
+        from stages.replay.recording import record_episode
 
-        replayed(root / "runs" / run, split, episode, save)
+        record_episode(self._root / "runs" / run, split, episode, file)
 
-    return record
+    def dataset(self, name: str, episode: int, file: Path) -> int:
+        """Of an episode of datasets/`name`; its number of frames."""
+        require_sim()  # for the robot's meshes, where nothing is simulated
+        from stages.replay.dataset_recording import record_dataset_episode
+
+        return record_dataset_episode(self._root / "datasets" / name, episode, file)
+
+    def estimator(self, name: str, file: Path) -> dict[str, Any]:
+        """Of the worst, median and best test frames of estimators/`name`; of which dataset, and how many."""
+        require_sim()
+        from stages.replay.estimator_recording import record_estimator
+
+        dataset = load(self._root, load(self._root, f"estimators/{name}").inputs[0].id).id
+        directory = self._root / "estimators" / name
+        return {"dataset": dataset, "frames": record_estimator(directory, self._root / dataset, file)}
 
 
 def record_artifact(store: Store, artifact_id: str, split: str, episode: int, save: Path) -> dict[str, Any]:
     """Write the recording that shows an artifact best; returns what is in it."""
-    require_sim()  # for the robot's meshes, where nothing is simulated
-    kind, _ = split_id(artifact_id)
-    path = store.path(artifact_id)
+    kind, parts = split_id(artifact_id)
+    name, recorder = "/".join(parts), Recorder(store.root)
     if kind == "runs":
-        record_episode(store.root)("/".join(split_id(artifact_id)[1]), split, episode, save)
+        recorder.episode(name, split, episode, save)
         return {"split": split, "episode": episode}
     if kind == "datasets":
-        from stages.replay.dataset_recording import record_dataset_episode
-
-        return {"episode": episode, "frames": record_dataset_episode(path, episode, save)}
+        return {"episode": episode, "frames": recorder.dataset(name, episode, save)}
     if kind == "estimators":
-        from stages.replay.estimator_recording import record_estimator
-
-        dataset = load(store.root, artifact_id).inputs[0].id
-        load(store.root, dataset)
-        return {"dataset": dataset, "frames": record_estimator(path, store.path(dataset), save)}
-    return _comparison(path, save)
+        return recorder.estimator(name, save)
+    return _comparison(store.path(artifact_id), save)
 
 
 def record_comparison(root: Path, runs: Sequence[str], save: Path) -> dict[str, Any]:
     """Write the learning curves of runs, NAMEs (all their cells) or NAME/CELL, with their spread over seeds."""
     from stages.analyze.catalogue import artifacts, select
-    from stages.analyze.recordings import write_comparison
+    from stages.analyze.curves_recording import write_comparison
     from stages.analyze.study import ask
 
     chosen = select(artifacts(root, "runs"), runs)

@@ -106,7 +106,7 @@ def analyze(session: Session, name: str, subject: Subject) -> Outcome:
 
     def stage(build: Build) -> dict[str, Any]:
         from pipeline.camera_views import write_camera_views
-        from pipeline.recordings import record_episode
+        from pipeline.recordings import Recorder
         from stages.analyze.run import run
 
         write_camera_views(session.store, subject.estimators, build.path / "figures")
@@ -118,7 +118,7 @@ def analyze(session: Session, name: str, subject: Subject) -> Outcome:
             build.path,
             studies=subject.studies.studies,
             left_out={each.id.removeprefix("runs/"): each.unfinished for each in subject.left_out},
-            record_episode=record_episode(session.root),
+            recorder=Recorder(session.root),
             progress=session.progress,
         )
 

@@ -132,23 +132,28 @@ FROM episodes
 WHERE {runs}
 """
 
-EXTREME_EPISODES = """
--- evaluation episodes worth watching (of the final evaluation where there is one): the best and the worst of each task,
--- and of each run the one whose return is its median
+EPISODES_BEHIND = f"""
+-- the evaluation episodes behind the figures' points (of the final evaluation where there is one): the best and the
+-- worst of each task, and of each run the one whose return is its median
 WITH judged AS (
-    SELECT run, task, split, episode, return_dense_true, success,
+    SELECT run, seed, main, {_GROUP}, split, episode, return_dense_true, success,
            max(split = 'final') OVER (PARTITION BY run) AS has_final
-    FROM episodes WHERE split <> 'train' AND {runs}
+    FROM episodes JOIN (SELECT run, {{main}} AS main FROM runs WHERE status <> 'failed' AND {{every}}) USING (run)
+    WHERE split <> 'train'
+), ranked AS (
+    SELECT *,
+           main AND 1 = row_number() OVER (PARTITION BY main, task
+               ORDER BY return_dense_true DESC, run, episode) AS best,
+           main AND 1 = row_number() OVER (PARTITION BY main, task ORDER BY return_dense_true, run, episode) AS worst,
+           row_number() OVER (PARTITION BY run ORDER BY return_dense_true, episode)
+               = (count(*) OVER (PARTITION BY run) + 1) // 2 AS typical
+    FROM judged
+    WHERE (split = 'final') = has_final
 )
-SELECT run, task, split, episode, return_dense_true, success,
-       row_number() OVER (PARTITION BY task ORDER BY return_dense_true DESC, run, episode) AS best,
-       row_number() OVER (PARTITION BY task ORDER BY return_dense_true, run, episode) AS worst,
-       row_number() OVER (PARTITION BY run ORDER BY return_dense_true, episode)
-           = (count(*) OVER (PARTITION BY run) + 1) // 2 AS typical
-FROM judged
-WHERE (split = 'final') = has_final
-QUALIFY best <= {count} OR worst <= {count} OR typical
-ORDER BY task, best
+SELECT * EXCLUDE (has_final)
+FROM ranked
+WHERE best OR worst OR typical
+ORDER BY run, episode
 """
 
 

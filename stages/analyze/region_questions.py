@@ -36,7 +36,9 @@ region AS (
 SELECT {_SITUATION}, scheme,
        half * (2 * column_x - 4) / 5 AS x, half * (2 * row_y - 4) / 5 AS y, 2 * half / 5 AS width,
        count(*) AS episodes, avg(estimation_error) AS estimation_error, avg(reward_error) AS reward_error,
-       avg(return) AS mean_return, count(lost_return) AS compared, avg(lost_return) AS lost_return
+       avg(return) AS mean_return, count(lost_return) AS compared, avg(lost_return) AS lost_return,
+       max(estimation_error) AS worst_error, arg_max(run, estimation_error) AS worst_run,
+       arg_max(episode, estimation_error) AS worst_episode
 FROM region
 GROUP BY ALL
 ORDER BY ALL

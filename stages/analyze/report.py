@@ -12,13 +12,13 @@ import vl_convert
 from markupsafe import Markup
 
 from stages.analyze import formats, paper, provenance
+from stages.analyze.behind import Recording
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived
 from stages.analyze.figures import cameras, export, theme
 from stages.analyze.figures.figure import Figure
 from stages.analyze.limits import limits
-from stages.analyze.recordings import Recording
 from stages.analyze.results import SCHEMES, Answer, rows_of
 from stages.analyze.rules import RULES
 from stages.analyze.study import Selection

@@ -7,13 +7,13 @@ from typing import Any
 
 from schemas.files import write_bytes
 from schemas.progress import Progress
-from stages.analyze import evidence, recordings, report, results, tables
+from stages.analyze import behind, curves_recording, evidence, report, results, tables
+from stages.analyze.behind import Links, Recorder, Recording
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived, derive, estimator_errors
 from stages.analyze.figures import cameras, estimator, export, policy, regions
 from stages.analyze.figures import studies as study_figures
 from stages.analyze.figures.figure import Figure
-from stages.analyze.recordings import RecordEpisode, Recording
 from stages.analyze.results import Answer, Group, rows_of
 from stages.analyze.studies import Study
 from stages.analyze.study import Selection, ask_all, choose
@@ -28,7 +28,7 @@ def run(
     *,
     studies: Sequence[Study] = (),
     left_out: Mapping[str, int] = {},
-    record_episode: RecordEpisode | None,
+    recorder: Recorder | None,
     progress: Progress,
 ) -> dict[str, Any]:
     """Write report.html, README.md, provenance.json, config.toml, figures/, tables/ and recordings into `out`.
@@ -41,20 +41,21 @@ def run(
         ArtifactError: an unknown name, nothing to analyse, or logs that cannot be read.
     """
     selection = choose(data_root, runs, estimators, studies)
-    answers = ask_all(data_root, selection, config.recordings, progress)
+    answers = ask_all(data_root, selection, progress)
     derived = derive(config, selection.studies, answers)
-    recorded = _record(config, answers, out, record_episode, progress)
+    recorded = _record(config, selection, answers, out, recorder, progress)
+    links = Links(recorded)
     contents = report.Contents(
         config=config,
         selection=selection,
         answers=answers,
         derived=derived,
-        estimator_figures=_estimator_figures(answers),
-        curve_figures=_by_task(answers, "learning-curves", _curves(answers)),
-        success_figures=_by_task(answers, "outcomes", partial(policy.success, recordings.links(recorded))),
-        error_figures=_reward_error(answers),
-        region_figures=_by_task(answers, "regions", regions.regions),
-        study_figures=_studies(selection, answers, derived),
+        estimator_figures=_estimator_figures(answers, links),
+        curve_figures=_by_task(answers, "learning-curves", _curves(answers, links)),
+        success_figures=_by_task(answers, "outcomes", partial(policy.success, links)),
+        error_figures=_reward_error(answers, links),
+        region_figures=_by_task(answers, "regions", partial(regions.regions, links)),
+        study_figures=_studies(selection, answers, derived, links),
         recordings=recorded,
         cameras=cameras.pictures(out / "figures"),
         left_out=left_out,
@@ -63,12 +64,13 @@ def run(
     return _summary(contents)
 
 
-def _estimator_figures(answers: dict[str, Answer]) -> list[Figure]:
+def _estimator_figures(answers: dict[str, Answer], links: Links) -> list[Figure]:
     makers = {
         "estimator-epochs": estimator.estimator_epochs,
         "estimator-misalignment": estimator.estimator_misalignment,
     }
-    return [make(answers[name].rows, answers[name].sql) for name, make in makers.items() if rows_of(answers, name)]
+    asked = {name: answers[name] for name in makers if rows_of(answers, name)}
+    return [makers[name](links, answer.rows, answer.sql) for name, answer in asked.items()]
 
 
 def _by_task(
@@ -80,39 +82,44 @@ def _by_task(
     return [figure for figure in made if figure is not None]
 
 
-def _curves(answers: dict[str, Answer]) -> Callable[[str, list[results.Row], str], Figure]:
+def _curves(answers: dict[str, Answer], links: Links) -> Callable[[str, list[results.Row], str], Figure]:
     def make(task: str, rows: list[results.Row], sql: str) -> Figure:
         switches = [row for row in rows_of(answers, "switches") if row["task"] == task]
-        return policy.learning_curves(task, rows, switches, sql)
+        return policy.learning_curves(links, task, rows, switches, sql)
 
     return make
 
 
-def _reward_error(answers: dict[str, Answer]) -> list[Figure]:
+def _reward_error(answers: dict[str, Answer], links: Links) -> list[Figure]:
     rows = rows_of(answers, "reward-error")
-    return [policy.reward_error(rows, answers["reward-error"].sql)] if rows else []
+    return [policy.reward_error(links, rows, answers["reward-error"].sql)] if rows else []
 
 
-def _studies(selection: Selection, answers: dict[str, Answer], derived: Derived) -> list[Figure]:
+def _studies(selection: Selection, answers: dict[str, Answer], derived: Derived, links: Links) -> list[Figure]:
     made = []
     for study in selection.studies:
         mine = [each for each in derived.variants if each.study == study.name]
-        made.append(study_figures.study(study, mine, answers["study-outcomes"].sql))
+        made.append(study_figures.study(links, study, mine, answers["study-outcomes"].sql))
     return [figure for figure in made if figure is not None]
 
 
 def _record(
-    config: AnalyzeConfig, answers: dict[str, Answer], out: Path, record: RecordEpisode | None, progress: Progress
+    config: AnalyzeConfig,
+    selection: Selection,
+    answers: dict[str, Answer],
+    out: Path,
+    recorder: Recorder | None,
+    progress: Progress,
 ) -> list[Recording]:
     made = []
     curves = rows_of(answers, "learning-curves")
     if curves:
-        made.append(recordings.write_comparison(curves, out / recordings.COMPARISON_FILE))
-    if record is not None and config.recordings:
-        episodes = rows_of(answers, "extreme-episodes")
-        with progress.task("recordings", total=config.recordings) as task:
-            made += recordings.write_episodes(episodes, config.recordings, out, record)
-            task.advance(config.recordings)
+        made.append(curves_recording.write_comparison(curves, out / curves_recording.COMPARISON_FILE))
+    if recorder is not None and config.recordings:
+        episodes = rows_of(answers, "episodes-behind")
+        watched = behind.choose(episodes, rows_of(answers, "regions"), config.recordings)
+        estimators = [each.name for each in selection.estimators if each.manifest.status == "complete"]
+        made += behind.write_recordings(watched, estimators, out, recorder, progress)
     return made
 
 

@@ -25,14 +25,13 @@ _OF_RUNS = {
     "regions": region_questions.REGIONS,
     "region-correlation": region_questions.REGION_CORRELATION,
     "volume": questions.VOLUME,
-    "extreme-episodes": questions.EXTREME_EPISODES,
 }
 _OF_ESTIMATORS = {
     "estimators": questions.ESTIMATORS,
     "estimator-epochs": questions.EPOCHS,
     "estimator-misalignment": questions.MISALIGNMENT,
 }
-_OF_EVERY = {"runs": questions.RUNS}
+_OF_EVERY = {"runs": questions.RUNS, "episodes-behind": questions.EPISODES_BEHIND}
 
 
 @dataclass(frozen=True)
@@ -104,13 +103,12 @@ def _blanks(
     }
 
 
-def ask_all(data_root: Path, selection: Selection, recordings: int, progress: Progress) -> dict[str, Answer]:
+def ask_all(data_root: Path, selection: Selection, progress: Progress) -> dict[str, Answer]:
     """Every question of the report that the selection has something to say about, by name.
 
-    The logs of the studies are large and only their outcomes are asked for: the other questions do not see them.
+    The logs of the studies are large and only their episodes are asked for: the other questions do not see them.
     """
-    blanks = selection.blanks | {"count": str(max(1, recordings))}
-    of_main, of_studies = (_filled(texts, blanks) for texts in _questions(selection))
+    of_main, of_studies = (_filled(texts, selection.blanks) for texts in _questions(selection))
     main = [*selection.runs, *selection.estimators]
     with progress.task("queries", total=len(of_main) + len(of_studies)) as task:
         answers = _answers(data_root, main, of_main, task)

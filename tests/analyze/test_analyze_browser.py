@@ -1,5 +1,6 @@
 """The report in a real browser without a network: every chart drawn, light and dark, and nothing wider than a phone."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,6 +15,7 @@ from stages.analyze.run import run
 from tests.analyze.fake_artifacts import write_estimator
 from tests.analyze.fake_runs import write_run
 from tests.analyze.fake_study import write_switch_study
+from tests.analyze.report_page import Recordings
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH")
@@ -29,7 +31,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "out").mkdir()
     config = AnalyzeConfig(bootstrap_samples=100)
     studies = [write_switch_study(root, seeds=2)]
-    run(config, root, [], [], root / "out", studies=studies, record_episode=None, progress=Silent())
+    run(config, root, [], [], root / "out", studies=studies, recorder=Recordings(), progress=Silent())
     return root / "out" / "report.html"
 
 
@@ -48,6 +50,32 @@ def test_every_chart_is_drawn(report: Path, tmp_path: Path) -> None:
     assert page.count('data-chart="') == 2 + 2 + 2 + 1 + 2 * 2 + 1  # regions of dense2sparse, a study
     assert page.count('class="marks"') == page.count('data-chart="')
     assert page.count("cannot be drawn") == 1  # in the script itself
+
+
+_CLICK_EVERY_MARK = """<script>
+let clicked;
+HTMLAnchorElement.prototype.dispatchEvent = function () { clicked.dataset.opened += " " + this.getAttribute("href"); };
+document.querySelectorAll(".chart").forEach((chart, place) => setTimeout(() => {
+  clicked = chart;
+  chart.dataset.opened = "";
+  for (const mark of chart.querySelectorAll("path")) mark.dispatchEvent(new MouseEvent("click", { bubbles: true }));
+}, 3000 + 200 * place));
+</script>"""
+
+
+def test_points_lead_to_recordings(report: Path, tmp_path: Path) -> None:
+    clicked = report.with_name("clicked.html")
+    clicked.write_text(_CLICK_EVERY_MARK.join(report.read_text().rpartition("</body>")[::2]))
+    page = browse(clicked, tmp_path, "--dump-dom")
+    opened: dict[str, set[str]] = {}
+    for figure, files in re.findall(r'data-chart="([^"]+)"[^>]*data-opened="([^"]*)"', page):
+        opened.setdefault(figure, set()).update(files.split())
+    assert len(opened) == 7
+    for figure, files in opened.items():
+        assert files, f"{figure} leads nowhere"
+        assert all((report.parent / file).is_file() for file in files)
+    assert opened["fig1-estimator"] == opened["estimator-misalignment"] == {"estimator-resnet.rrd"}
+    assert all("sparse-orbit10" in file for file in opened["study-switch"])
 
 
 @pytest.mark.parametrize(("scheme", "page"), [("1", (255, 255, 255)), ("0", (20, 23, 26))])

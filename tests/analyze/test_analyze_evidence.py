@@ -34,7 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     estimator = root / "estimators" / "resnet"
     studies = [write_switch_study(root, estimator=estimator), write_buffer_study(root, estimator=estimator)]
     (root / "out").mkdir()
-    summary = run(CONFIG, root, [], [], root / "out", studies=studies, record_episode=None, progress=Silent())
+    summary = run(CONFIG, root, [], [], root / "out", studies=studies, recorder=None, progress=Silent())
     return root / "out", summary
 
 
@@ -125,7 +125,7 @@ def test_what_else_differs_is_said(tmp_path: Path) -> None:
     study = write_switch_study(tmp_path, seeds=0)
     asked = [type(study)("switch", "When?", study.keys, ("study-switch-25",), "study")]
     (tmp_path / "out").mkdir()
-    run(CONFIG, tmp_path, [], [], tmp_path / "out", studies=asked, record_episode=None, progress=Silent())
+    run(CONFIG, tmp_path, [], [], tmp_path / "out", studies=asked, recorder=None, progress=Silent())
     assert [row["also_differs"] for row in committed(tmp_path / "out", "studies")] == [
         "",
         'world.touch = "hand" (main: "fingers")',

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from stages.analyze.behind import Links
 from stages.analyze.figures.policy import learning_curves
 
 ROW: dict[str, Any] = {
@@ -16,7 +17,7 @@ ROW: dict[str, Any] = {
 @pytest.mark.parametrize(("task", "mean"), [("reach", 30.0), ("reach", 900.0), ("lift", 1000.0)])
 def test_curves_reach_as_far_as_the_data(task: str, mean: float) -> None:
     """Whatever the horizon: the band of ± one standard deviation is drawn whole, and the axis holds it."""
-    figure = learning_curves(task, [ROW | {"task": task, "mean": mean}], [], "")
+    figure = learning_curves(Links([]), task, [ROW | {"task": task, "mean": mean}], [], "")
     drawn = json.dumps(figure.panels[0].draw(False).to_dict())
     assert f'"domain": [0, {1.04 * (mean + 10.0)}]' in drawn
     assert f'"high": {mean + 10.0}' in drawn

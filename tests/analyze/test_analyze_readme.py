@@ -23,7 +23,7 @@ def analyse(
 ) -> Path:
     out = root / "out"
     out.mkdir()
-    run(CONFIG, root, runs, [], out, studies=studies, left_out=left_out, record_episode=None, progress=Silent())
+    run(CONFIG, root, runs, [], out, studies=studies, left_out=left_out, recorder=None, progress=Silent())
     return out
 
 

@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 from stages.analyze.query import run_sql
 from tests.analyze.fake_artifacts import write_dataset, write_estimator, write_manifest
 from tests.analyze.fake_runs import write_run
-from tests.analyze.report_page import Page, analyse, rows
+from tests.analyze.report_page import Page, Recordings, analyse, rows
 
 OUTCOMES = {  # scheme: (episode reward, success rate) of seeds 0 and 1
     "dense2sparse": ((170.0, 1.0), (174.0, 0.98)),
@@ -36,14 +36,9 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[st
     young.mkdir()
     identity = {"task": "reach", "scheme": "oracle", "misalignment_kind": "orbit", "misalignment_deg": 0.0, "seed": 0}
     write_manifest(young, "runs/main/reach-oracle-orbit00-seed0", {"run": identity}, {}, status="running")
-    recorded: list[tuple[str, str, int, str]] = []
-
-    def record(run_id: str, split: str, episode: int, path: Path) -> None:
-        recorded.append((run_id, split, episode, path.name))
-        path.write_bytes(b"rrd")
-
-    summary = analyse(root, root / "report", record=record)
-    return root, root / "report", summary | {"recorded": recorded}
+    recordings = Recordings()
+    summary = analyse(root, root / "report", recorder=recordings)
+    return root, root / "report", summary | {"recorded": recordings.episodes}
 
 
 def test_summary_holds_the_statistics_of_the_seeds(study: tuple[Path, Path, dict[str, Any]]) -> None:
@@ -152,23 +147,49 @@ def test_charts_are_data_for_every_panel(study: tuple[Path, Path, dict[str, Any]
     assert "dense2sparse" in (report / "figures" / "fig4-reach-curves.svg").read_text()
 
 
-def test_a_runs_point_leads_to_the_recording_of_its_episode(study: tuple[Path, Path, dict[str, Any]]) -> None:
+def leads(report: Path, figure: str) -> dict[tuple[Any, ...], str]:
+    """The rows of a figure that are links, by what tells them apart, and where they lead."""
+    panels = json.loads(Page((report / "report.html").read_text()).scripts[0])["figures"][figure]
+    linked = [(panel, layer) for panel in panels for layer in panel["layer"] if "href" in layer["encoding"]]
+    rows = [row for panel, layer in linked for row in panel["datasets"][layer["data"]["name"]]]
+    keys = ("run", "estimator", "scheme", "misalignment_deg", "x", "y")
+    return {tuple(row[key] for key in keys if key in row): row["recording"] for row in rows}
+
+
+def test_every_figure_leads_to_the_episodes_behind_its_points(study: tuple[Path, Path, dict[str, Any]]) -> None:
     _, report, summary = study
-    page = Page((report / "report.html").read_text())
-    panels = json.loads(page.scripts[0])["figures"]["fig4-reach-success"]
-    points = [(panel, layer) for panel in panels for layer in panel["layer"] if "href" in layer["encoding"]]
-    rows = [row for panel, layer in points for row in panel["datasets"][layer["data"]["name"]]]
-    leads = {row["run"]: row["recording"] for row in rows}
-    by_run = {run: name for run, _, _, name in sorted(summary["recorded"], key=lambda e: e[3].startswith("typical"))}
-    assert leads == {run: name for run, name in by_run.items() if "/reach-" in run}
-    assert ".rrd" not in (report / "figures" / "fig4-reach-success.svg").read_text()
+    typical = {run: file for run, _, _, file in summary["recorded"] if file.startswith("typical")}
+    runs = leads(report, "fig4-reach-success")
+    assert {key[0]: file for key, file in runs.items()} == {run: f for run, f in typical.items() if "/reach-" in run}
+    curves = leads(report, "fig4-reach-curves")
+    assert {key[0] for key in curves} == {"dense2sparse", "dense"}
+    assert all(f"main-reach-{key[0]}-orbit00" in file and "typical" in file for key, file in curves.items())
+    assert set(leads(report, "estimator-misalignment").values()) == {"estimator-resnet.rrd"}
+    assert len(leads(report, "estimator-misalignment")) == 3
+    assert set(leads(report, "fig1-estimator").values()) == {"estimator-resnet.rrd"}
+    assert curves["dense2sparse", 0.0] in leads(report, "reward-error").values()
+    regions = leads(report, "regions-reach")
+    assert {key[0] for key in regions} == {"dense2sparse", "dense"}
+    for figure in ("fig4-reach-success", "fig4-reach-curves", "regions-reach", "estimator-misalignment"):
+        assert ".rrd" not in (report / "figures" / f"{figure}.svg").read_text()
+        assert all((report / file).is_file() for file in leads(report, figure).values())
+
+
+def test_a_region_leads_to_its_own_episode(study: tuple[Path, Path, dict[str, Any]]) -> None:
+    _, report, _ = study
+    cells = {(row["scheme"], float(row["x"]), float(row["y"])): row for row in rows(report, "regions")}
+    for (scheme, _, x, y), file in leads(report, "regions-reach").items():
+        row = cells[scheme, x, y]
+        run, episode = row["worst_run"].replace("/", "-"), int(row["worst_episode"])
+        assert file.endswith(f"-{run}-final-{episode:06d}.rrd")
+    assert {scheme for scheme, *_ in leads(report, "regions-reach")} == {"dense2sparse", "dense"}
 
 
 def _by_run(episodes: list[tuple[str, str, int]]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     return [(run, list(part)) for run, part in groupby(sorted(episodes, key=lambda e: e[0]), lambda e: e[0])]
 
 
-def test_best_and_worst_episodes_are_recorded_then_the_typical_ones_of_runs(
+def test_best_and_worst_episodes_are_recorded_and_the_typical_ones_of_runs(
     study: tuple[Path, Path, dict[str, Any]],
 ) -> None:
     root, report, summary = study
@@ -177,11 +198,12 @@ def test_best_and_worst_episodes_are_recorded_then_the_typical_ones_of_runs(
              ORDER BY return_dense_true"""
     run_sql(root, sql, "json", None, stream)
     ordered = [(row["run"], "final", row["episode"]) for row in json.loads(stream.getvalue())]
-    assert [entry[:3] for entry in summary["recorded"][:2]] == [ordered[-1], ordered[0]]
-    typical = [(run, "final", of_run[(len(of_run) - 1) // 2][2]) for run, of_run in _by_run(ordered)]
-    assert [entry[:3] for entry in summary["recorded"][2:]] == typical[:2]
-    assert summary["recordings"] == ["comparison.rrd", *(entry[3] for entry in summary["recorded"])]
-    assert all((report / name).is_file() for name in summary["recordings"])
+    assert {entry[:3] for entry in summary["recorded"][:2]} == {ordered[-1], ordered[0]}
+    typical = {(run, "final", of_run[(len(of_run) - 1) // 2][2]) for run, of_run in _by_run(ordered)}
+    assert typical < {entry[:3] for entry in summary["recorded"]}
+    files = ["comparison.rrd", "estimator-resnet.rrd", *(entry[3] for entry in summary["recorded"])]
+    assert summary["recordings"] == files
+    assert all((report / name).is_file() for name in files)
 
 
 def test_comparison_recording_holds_curves_and_blueprint(study: tuple[Path, Path, dict[str, Any]]) -> None:

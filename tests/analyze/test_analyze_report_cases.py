@@ -13,14 +13,14 @@ from schemas.progress import Silent
 from stages.analyze.run import run
 from tests.analyze.fake_artifacts import write_estimator, write_manifest
 from tests.analyze.fake_runs import write_run
-from tests.analyze.report_page import CONFIG, Page, analyse, rows
+from tests.analyze.report_page import CONFIG, Page, Recordings, analyse, rows
 
 
 def test_names_are_text_never_markup(tmp_path: Path) -> None:
     name = "<script>alert(1)"
     estimator = write_estimator(tmp_path / "data", '"><img src=x onerror=alert(2)>')
     write_run(tmp_path / "data", name, estimator=estimator)
-    analyse(tmp_path / "data", tmp_path / "out", record=lambda *given: given[3].write_bytes(b""))
+    analyse(tmp_path / "data", tmp_path / "out", recorder=Recordings())
     page = Page((tmp_path / "out" / "report.html").read_text())
     assert page.tags.count("script") == 3
     assert "img" not in page.tags[: page.tags.index("noscript")]
@@ -74,11 +74,12 @@ def test_only_what_was_chosen_is_analysed_with_its_estimator(tmp_path: Path) -> 
 
 
 def test_a_recording_that_fails_is_noted_and_the_report_is_there(tmp_path: Path) -> None:
-    def refuse(*given: object) -> None:
-        raise MachineError("no GL here")
+    class Refusing(Recordings):
+        def episode(self, *given: object) -> None:
+            raise MachineError("no GL here")
 
     write_run(tmp_path / "data")
-    summary = analyse(tmp_path / "data", tmp_path / "out", record=refuse)
+    summary = analyse(tmp_path / "data", tmp_path / "out", recorder=Refusing())
     assert summary["recordings"] == ["comparison.rrd"]
     assert "no GL here" in (tmp_path / "out" / "report.html").read_text()
 
@@ -99,7 +100,7 @@ def test_camera_pictures_are_shown_when_there(tmp_path: Path) -> None:
         picture = Image.effect_noise((64, 64), 60).convert("RGB")  # many greys, and a small thing with a colour
         picture.paste((90 * number, 20, 160), (20, 20, 26, 26))
         picture.save(figures / f"camera-{title}.png")
-    run(CONFIG, tmp_path / "data", [], [], tmp_path / "out", record_episode=None, progress=Silent())
+    run(CONFIG, tmp_path / "data", [], [], tmp_path / "out", recorder=None, progress=Silent())
     html = (tmp_path / "out" / "report.html").read_text()
     assert html.count('src="data:image/png;base64,iVBORw') == 2
     assert html.index("<h4>0°</h4>") < html.index("<h4>orbit 5°</h4>")

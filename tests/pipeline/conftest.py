@@ -54,7 +54,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
         _module("stages.policy.train", run=fake.policy),
         _module("stages.policy.resources", Resources=lambda *resources: resources),
         _module("stages.analyze.run", run=fake.analyze),
-        _module("pipeline.recordings", record_episode=lambda root: "record"),
+        _module("pipeline.recordings", Recorder=lambda root: "recorder"),
         _module("pipeline.camera_views", write_camera_views=lambda *given: None),
     ]
     for module in modules:

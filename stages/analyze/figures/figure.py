@@ -55,6 +55,20 @@ def values(rows: Sequence[Row], **computed: Callable[[Row], object]) -> alt.Inli
     return alt.InlineData(values=[row | {name: column(row) for name, column in computed.items()} for row in rows])
 
 
+def leading(rows: list[Row], page: bool, draw: Callable[[list[Row]], alt.Chart]) -> list[alt.Chart]:
+    """Marks of the rows, where a row has a `recording` as links to it; a still has no links.
+
+    They are layers of their own: an address that is null would be one named null.
+    """
+    led = [row for row in rows if page and row.get("recording")]
+    others = [row for row in rows if not (page and row.get("recording"))]
+    drawn = [draw(others)] if others else []
+    if led:
+        marks = draw(led)
+        drawn.append(marks.encode(href="recording:N", tooltip=[*marks.encoding.tooltip, "recording:N"]))
+    return drawn
+
+
 def centimetres(metres: float | None) -> float | None:
     """[m] → [cm]; what was not measured stays so."""
     return None if metres is None else 100.0 * metres

@@ -1,30 +1,34 @@
 """Figures about the policies: paper's Figs. 4 and 5, and what the estimate does to the reward."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from statistics import mean, stdev
 
 import altair as alt
 
+from stages.analyze.behind import Links
 from stages.analyze.figures import theme
-from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, setting, values
+from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, leading, setting, values
 from stages.analyze.results import SCHEMES, Row, misalignment
 
 _PAPER = {"reach": "fig4-reach", "lift": "fig5-lift"}
 """Names of the figures that the paper has too, by task."""
 
 
-def learning_curves(task: str, rows: list[Row], switches: list[Row], sql: str) -> Figure:
+def learning_curves(links: Links, task: str, rows: list[Row], switches: list[Row], sql: str) -> Figure:
     """Paper's Figs. 4 (a, c, e) and 5 (a): mean and standard deviation over seeds, one panel a misalignment."""
+    shown = [row | {"recording": links.of_group(row)} for row in rows]
     reached = max((row["mean"] + (row["std"] or 0.0) for row in rows), default=0.0)
     top = 1.04 * reached
     panels = [
         Panel(title, _curves_panel(part, [row for row in switches if setting(row) == setting(part[0])], top))
-        for title, part in by_setting(rows)
+        for title, part in by_setting(shown)
     ]
     caption = (
         "Episode reward (dense, from the true state, whatever the run trains on) of evaluations without exploration "
-        "noise. Line: mean over seeds; band: one standard deviation; vertical line: the switch of dense2sparse."
+        "noise. Line: mean over seeds; band: one standard deviation; vertical line: the switch of dense2sparse. In the "
+        "report a line ends in a point that leads to a recording of the trained policy's typical episode."
     )
     id, title = f"{_PAPER.get(task, task)}-curves", f"{task.capitalize()}: episode reward while training"
     return Figure(id, title, caption, tuple(panels), "learning-curves", sql, rows, legend=True)
@@ -43,7 +47,7 @@ def _curves_panel(rows: list[Row], switches: list[Row], top: float) -> Callable[
         return alt.layer(
             base.mark_area(opacity=0.16).encode(y=alt.Y("low:Q"), y2="high:Q"),
             base.mark_line(strokeWidth=2, strokeJoin="round").encode(y=y, strokeDash=theme.scheme_dash()),
-            *([_hover_points(base, y)] if page else []),
+            *([_hover_points(base, y), *_ends(rows, x, y)] if page else []),
             *_switch_rule(switches),
         )
 
@@ -55,18 +59,35 @@ def _hover_points(base: alt.Chart, y: alt.Y) -> alt.Chart:
     nearest = alt.selection_point(
         nearest=True, on="pointerover", clear="pointerout", fields=["after_episode"], empty=False
     )
-    tooltip = [
+    opacity = alt.condition(nearest, alt.value(1), alt.value(0))
+    points = base.mark_point(filled=True, size=55).encode(
+        y=y, shape=theme.scheme_shape(), opacity=opacity, tooltip=_evaluation()
+    )
+    return points.add_params(nearest)
+
+
+def _ends(rows: list[Row], x: alt.X, y: alt.Y) -> list[alt.Chart]:
+    """The last evaluation of every scheme that has a recording."""
+    last = {row["scheme"]: row for row in sorted(rows, key=lambda row: row["after_episode"])}
+    recorded = [row for row in last.values() if row["recording"]]
+
+    def points(part: list[Row]) -> alt.Chart:
+        colour, shape = theme.scheme_colour(legend=False), theme.scheme_shape()
+        marks = alt.Chart(values(part)).mark_point(filled=True, size=60, opacity=1)
+        return marks.encode(x=x, y=y, color=colour, shape=shape, tooltip=_evaluation())
+
+    return leading(recorded, True, points)
+
+
+def _evaluation() -> list[str | alt.Tooltip]:
+    """What is said of the evaluation under the pointer."""
+    return [
         "scheme:N",
         alt.Tooltip("after_episode:Q", title="training episodes"),
         alt.Tooltip("mean:Q", format=".1f"),
         alt.Tooltip("std:Q", format=".1f"),
         "seeds:Q",
     ]
-    opacity = alt.condition(nearest, alt.value(1), alt.value(0))
-    points = base.mark_point(filled=True, size=55).encode(
-        y=y, shape=theme.scheme_shape(), opacity=opacity, tooltip=tooltip
-    )
-    return points.add_params(nearest)
 
 
 def _switch_rule(switches: list[Row]) -> list[alt.Chart]:
@@ -78,12 +99,9 @@ def _switch_rule(switches: list[Row]) -> list[alt.Chart]:
     return [base.mark_rule(strokeDash=[2, 3]), text]
 
 
-def success(links: Mapping[str, str], task: str, rows: list[Row], sql: str) -> Figure:
-    """Paper's Figs. 4 (b, d, f) and 5 (b): success rate of the trained policies, one panel a misalignment.
-
-    `links` lead from a run's point to a recording of its episode.
-    """
-    shown = [row | {"recording": links.get(row["run"])} for row in rows]
+def success(links: Links, task: str, rows: list[Row], sql: str) -> Figure:
+    """Paper's Figs. 4 (b, d, f) and 5 (b): success rate of the trained policies, one panel a misalignment."""
+    shown = [row | {"recording": links.of_run(row["run"])} for row in rows]
     panels = [Panel(title, _success_panel(part)) for title, part in by_setting(shown)]
     caption = (
         "Share of episodes that succeed: in the final evaluation, or in the last one made where a run has no final "
@@ -135,41 +153,28 @@ def _seed_points(rows: list[Row], x: alt.X, colour: alt.Color, page: bool) -> li
     layers = []
     for place, seed in enumerate(seeds):
         of_seed = [row for row in rows if row["seed"] == seed]
-        recorded = [row for row in of_seed if page and row["recording"]]
         offset = gap * (place - (len(seeds) - 1) / 2)
-        for part in (recorded, [row for row in of_seed if row not in recorded]):
-            layers += [_points(part, x, colour, offset, linked=part is recorded)] if part else []
+        layers += leading(of_seed, page, partial(_points, x=x, colour=colour, offset=offset))
     return layers
 
 
-def _points(rows: list[Row], x: alt.X, colour: alt.Color, offset: float, linked: bool) -> alt.Chart:
-    tooltip = [
-        "run:N",
-        alt.Tooltip("percent:Q", format=".1f", title="success [%]"),
-        *("split:N", "episodes:Q", *(["recording:N"] if linked else [])),
-    ]
-    link = {"href": "recording:N"} if linked else {}
+def _points(rows: list[Row], *, x: alt.X, colour: alt.Color, offset: float) -> alt.Chart:
+    percent = alt.Tooltip("percent:Q", format=".1f", title="success [%]")
     return (
         alt.Chart(values(rows, percent=lambda row: 100.0 * row["success_rate"]))
-        .mark_circle(
-            size=32,
-            opacity=1,
-            stroke="white",
-            strokeWidth=0.8,
-            xOffset=offset,
-            cursor="pointer" if linked else "default",
-        )
-        .encode(x=x, y=alt.Y("percent:Q"), color=colour, tooltip=tooltip, **link)
+        .mark_circle(size=32, opacity=1, stroke="white", strokeWidth=0.8, xOffset=offset)
+        .encode(x=x, y=alt.Y("percent:Q"), color=colour, tooltip=["run:N", percent, "split:N", "episodes:Q"])
     )
 
 
-def reward_error(rows: list[Row], sql: str) -> Figure:
+def reward_error(links: Links, rows: list[Row], sql: str) -> Figure:
     """What the estimate does to the dense reward, one panel a task."""
     several = len({row["name"] for row in rows}) > 1
     top = max(row["error"] for row in rows)
+    shown = [row | {"recording": links.of_setting(row)} for row in rows]
     panels = [
         Panel(f"{task} · {name}" if several else task, _error_panel(list(part), top))
-        for (_, task, name), part in groupby(sorted(rows, key=_by_task), _by_task)
+        for (_, task, name), part in groupby(sorted(shown, key=_by_task), _by_task)
     ]
     caption = (
         "Mean absolute difference between the dense reward from the estimated and from the true cube position, by the "
@@ -185,37 +190,36 @@ def _by_task(row: Row) -> tuple[bool, str, str]:
 
 def _error_panel(rows: list[Row], top: float) -> Callable[[bool], Drawing]:
     def draw(page: bool) -> Drawing:
-        del page
         ordered = sorted(rows, key=lambda row: (row["misalignment_deg"], row["misalignment_kind"]))
         labels = list(dict.fromkeys(misalignment(row["misalignment_kind"], row["misalignment_deg"]) for row in ordered))
-        data = values(
-            ordered,
-            camera=lambda row: misalignment(row["misalignment_kind"], row["misalignment_deg"]),
-            distance_cm=lambda row: centimetres(row["distance"]),
-        )
         colour = alt.Color(
             "camera:N",
             sort=labels,
             scale=alt.Scale(domain=labels, range=list(theme.SERIES)),
             legend=alt.Legend(title=None, orient="top", direction="horizontal"),
         )
-        tooltip = [
+        tooltip: list[str | alt.Tooltip] = [
             "camera:N",
             alt.Tooltip("distance_cm:Q", format=".0f", title="distance [cm]"),
             alt.Tooltip("error:Q", format=".3f"),
             alt.Tooltip("bias:Q", format="+.3f"),
             alt.Tooltip("steps:Q", format=","),
         ]
-        lines = (
-            alt.Chart(data)
-            .mark_line(strokeWidth=2, point=alt.OverlayMarkDef(size=28))
-            .encode(
-                x=alt.X("distance_cm:Q", title="true distance between gripper and cube [cm]"),
-                y=alt.Y("error:Q", title="|reward error|", scale=alt.Scale(domain=[0, top], nice=True)),
-                color=colour,
-                tooltip=tooltip,
-            )
-        )
-        return alt.layer(lines)
+        x = alt.X("distance_cm:Q", title="true distance between gripper and cube [cm]")
+        y = alt.Y("error:Q", title="|reward error|", scale=alt.Scale(domain=[0, top], nice=True))
+
+        def base(part: list[Row]) -> alt.Chart:
+            return alt.Chart(_by_distance(part)).encode(x=x, y=y, color=colour, tooltip=tooltip)
+
+        points = leading(ordered, page, lambda part: base(part).mark_circle(size=28, opacity=1))
+        return alt.layer(base(ordered).mark_line(strokeWidth=2), *points)
 
     return draw
+
+
+def _by_distance(rows: list[Row]) -> alt.InlineData:
+    return values(
+        rows,
+        camera=lambda row: misalignment(row["misalignment_kind"], row["misalignment_deg"]),
+        distance_cm=lambda row: centimetres(row["distance"]),
+    )

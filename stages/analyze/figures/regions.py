@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import altair as alt
 
-from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, values
+from stages.analyze.behind import Links
+from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, leading, values
 from stages.analyze.results import SCHEMES, Row
 
 _SHOWN = ("dense2sparse", "dense")
@@ -33,9 +34,9 @@ _QUANTITIES = (
 )
 
 
-def regions(task: str, rows: list[Row], sql: str) -> Figure | None:
+def regions(links: Links, task: str, rows: list[Row], sql: str) -> Figure | None:
     """Maps of the table, one row a misalignment and scheme; None where no scheme that learns from estimates ran."""
-    shown = [row for row in rows if row["scheme"] in _SHOWN]
+    shown = [row | {"recording": links.of_region(row)} for row in rows if row["scheme"] in _SHOWN]
     quantities = [each for each in _QUANTITIES if any(row[each.column] is not None for row in shown)]
     if not shown or not quantities:
         return None
@@ -47,7 +48,8 @@ def regions(task: str, rows: list[Row], sql: str) -> Figure | None:
     caption = (
         "Final episodes by where the cube starts; the table is seen from above, the robot stands on its left (−x). "
         "Columns: mean error of the estimate; mean absolute error of the dense reward; return lost against the oracle "
-        "that starts from the same state. One colour scale a column."
+        "that starts from the same state. One colour scale a column. In the report a region leads "
+        "to its episode with the worst estimate where that is recorded."
     )
     title = f"{task.capitalize()}: error and loss by region of the table"
     id, columns = f"regions-{task}", len(quantities)
@@ -59,15 +61,6 @@ def _map(rows: list[Row], quantity: _Quantity, every: Sequence[Row]) -> Callable
     domain = [min(0.0, *known), max(known)]
 
     def draw(page: bool) -> Drawing:
-        del page
-        data = values(
-            rows,
-            value=lambda row: None if row[quantity.column] is None else quantity.scale * row[quantity.column],
-            left=lambda row: centimetres(row["x"] - row["width"] / 2),
-            right=lambda row: centimetres(row["x"] + row["width"] / 2),
-            bottom=lambda row: centimetres(row["y"] - row["width"] / 2),
-            top=lambda row: centimetres(row["y"] + row["width"] / 2),
-        )
         colour = alt.Color(
             "value:Q",
             scale=alt.Scale(scheme="viridis", domain=domain, nice=False),
@@ -75,27 +68,34 @@ def _map(rows: list[Row], quantity: _Quantity, every: Sequence[Row]) -> Callable
         )
         axis = alt.Axis(tickCount=4, labelFlush=False, grid=False)
         edges = [centimetres(edge) for edge in _edges(every)]
+        counted = "compared:Q" if quantity.column == "lost_return" else "episodes:Q"
         tooltip = [
             alt.Tooltip("value:Q", format=quantity.format, title=quantity.label),
-            alt.Tooltip(
-                "compared:Q" if quantity.column == "lost_return" else "episodes:Q", format=",", title="episodes"
-            ),
+            alt.Tooltip(counted, format=",", title="episodes"),
+            alt.Tooltip("worst:N", title="worst estimate"),
         ]
-        cells = (
-            alt.Chart(data)
-            .mark_rect(stroke="white", strokeWidth=0.5)
-            .encode(
-                x=alt.X("left:Q", title="x [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False)),
-                x2="right:Q",
-                y=alt.Y("bottom:Q", title="y [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False)),
-                y2="top:Q",
-                color=colour,
-                tooltip=tooltip,
-            )
-        )
-        return alt.layer(cells)
+        x = alt.X("left:Q", title="x [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False))
+        y = alt.Y("bottom:Q", title="y [cm]", axis=axis, scale=alt.Scale(domain=edges, nice=False))
+
+        def cells(part: list[Row]) -> alt.Chart:
+            marks = alt.Chart(_cells(part, quantity)).mark_rect(stroke="white", strokeWidth=0.5)
+            return marks.encode(x=x, x2="right:Q", y=y, y2="top:Q", color=colour, tooltip=tooltip)
+
+        return alt.layer(*leading(rows, page, cells))
 
     return draw
+
+
+def _cells(rows: list[Row], quantity: _Quantity) -> alt.InlineData:
+    return values(
+        rows,
+        value=lambda row: None if row[quantity.column] is None else quantity.scale * row[quantity.column],
+        worst=lambda row: f"{row['worst_run']}, final episode {row['worst_episode']}",
+        left=lambda row: centimetres(row["x"] - row["width"] / 2),
+        right=lambda row: centimetres(row["x"] + row["width"] / 2),
+        bottom=lambda row: centimetres(row["y"] - row["width"] / 2),
+        top=lambda row: centimetres(row["y"] + row["width"] / 2),
+    )
 
 
 def _edges(rows: Sequence[Row]) -> tuple[float, float]:
