@@ -23,7 +23,11 @@ Example:
 )
 @place_options
 @click.argument("runs", nargs=-1, required=True)
-@click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Also draw it: FILE.html, .png or .svg.")
+@click.option(
+    "--save",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write FILE.html, or its figure as .png or .svg.",
+)
 @click.option(
     "--confidence", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95, show_default=True
 )
@@ -37,19 +41,16 @@ def compare(options: Place, runs: tuple[str, ...], save: Path | None, confidence
     from pipeline.output import console, print_json
     from schemas.errors import ConfigError, unknown_choice
     from stages.analyze.compare import compare as compared_runs
+    from stages.analyze.compare_page import SUFFIXES, save_comparison
     from stages.analyze.config import AnalyzeConfig
-    from stages.analyze.figures.export import FIGURE_SUFFIXES
-    from stages.analyze.figures.export import save as save_figure
 
-    if save and save.suffix not in FIGURE_SUFFIXES:
-        raise ConfigError(unknown_choice("suffix of --save", save.suffix, FIGURE_SUFFIXES))
+    if save and save.suffix not in SUFFIXES:
+        raise ConfigError(unknown_choice("suffix of --save", save.suffix, SUFFIXES))
     if save and not save.parent.is_dir():
         raise ConfigError(f"--save {save}: there is no directory {save.parent}")
     compared = compared_runs(options.data, runs, AnalyzeConfig(confidence=confidence))
     if save:
-        from stages.analyze.figures.compare import comparison
-
-        save_figure(comparison(compared), save)
+        save_comparison(compared, save)
     if options.as_json:
         print_json({**compared.as_dict(), "saved": save})
     elif not options.quiet:

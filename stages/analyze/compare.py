@@ -53,6 +53,7 @@ class Comparison:
     contests: tuple[Contest, ...]
     settings: tuple[Setting, ...]
     curves: Answer
+    confidence: float  # of the intervals
 
     def as_dict(self) -> dict[str, Any]:
         """For `--json`."""
@@ -90,6 +91,7 @@ def compare(data_root: Path, names: Sequence[str], config: AnalyzeConfig) -> Com
         tuple(_contests(labels, found, statistics)),
         tuple(_settings([[run.manifest.config for run in chosen if _member(run.name, rows, g)] for g in found])),
         answers["learning-curves"],
+        config.confidence,
     )
 
 

@@ -3,34 +3,21 @@
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jinja2
-import vl_convert
-from markupsafe import Markup
-
-from stages.analyze import formats, paper, provenance
+from stages.analyze import page, paper, provenance
 from stages.analyze.behind import Recording
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived
-from stages.analyze.figures import cameras, export, theme
+from stages.analyze.figures import cameras
 from stages.analyze.figures.figure import Figure
 from stages.analyze.limits import limits
-from stages.analyze.results import SCHEMES, Answer, rows_of
+from stages.analyze.results import Answer, rows_of
 from stages.analyze.rules import RULES
 from stages.analyze.study import Selection
 from stages.analyze.tiles import tiles
-
-_ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader("stages.analyze"),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 
 
 @dataclass(frozen=True)
@@ -72,7 +59,9 @@ def render(contents: Contents) -> str:
     ]
     groups = contents.derived.groups
     confidence = f"{100 * contents.config.confidence:g} %"
-    return _ENVIRONMENT.get_template("report.html.j2").render(
+    return page.render(
+        "report.html.j2",
+        contents.figures,
         title=_title(contents.selection),
         sections=_sections(contents, policy_sections),
         tiles=tiles(contents.selection, contents.derived, contents.answers),
@@ -104,11 +93,6 @@ def render(contents: Contents) -> str:
         confidence=confidence,
         bootstrap_samples=f"{contents.config.bootstrap_samples:,}",
         paper=paper,
-        schemes=SCHEMES,
-        charts=_charts(contents.figures),
-        css=Markup(_text("report.css") + _swatches()),
-        script=Markup(_text("report.js")),
-        bundle=Markup(_bundle()),
     )
 
 
@@ -157,35 +141,5 @@ def _limits(contents: Contents) -> list[str]:
     return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]
 
 
-def _charts(figures: Sequence[Figure]) -> dict[str, Any]:
-    themes = {"light": theme.config(dark=False), "dark": theme.config(dark=True)}
-    return {"themes": themes, "figures": {figure.id: export.page_specification(figure) for figure in figures}}
-
-
-def _text(name: str) -> str:
-    return (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
-
-
-def _swatches() -> str:
-    rules = [f".swatch.{scheme} {{ background: {colour}; }}" for scheme, colour in theme.COLOURS.items()]
-    oracle = theme.COLOURS["oracle"]
-    dashed = f".swatch.oracle {{ background: repeating-linear-gradient(90deg, {oracle} 0 5px, transparent 5px 9px); }}"
-    return "\n".join([*rules, dashed])
-
-
-@cache
-def _bundle() -> str:
-    """Vega, Vega-Lite and Vega-Embed; a closing tag inside a string must not end the script."""
-    return vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;").replace("</script", "<\\/script")
-
-
 def _data_uri(path: Path) -> str:
     return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
-
-
-def _schemes_of(figure: Figure) -> list[str]:
-    present = {row["scheme"] for row in figure.rows}
-    return [scheme for scheme in SCHEMES if scheme in present]
-
-
-_ENVIRONMENT.filters |= {**formats.FILTERS, "schemes_of": _schemes_of}

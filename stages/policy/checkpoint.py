@@ -90,7 +90,11 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
         "critic1": td3.critic_net.named(td3.critic[row, :width]),
         "critic2": td3.critic_net.named(td3.critic[row, width:]),
     }
-    tensors = {f"{net}.{name}": value.cpu() for net, named in networks.items() for name, value in named.items()}
+    tensors = {
+        f"{net}.{name}": value.cpu()
+        for net, named in networks.items()
+        for name, value in td3.of_raw_observations(row, named).items()
+    }
     directory = out / "checkpoints"
     directory.mkdir(exist_ok=True)
     save_file(tensors, directory / "policy.safetensors")

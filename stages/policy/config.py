@@ -39,8 +39,8 @@ class TD3Config(Config):
     2017, hindsight experience replay, appendix A); 0: plain TD3."""
     behaviour_cloning: Annotated[float, Field(gt=0)] | None = None
     """TD3+BC (Fujimoto & Gu 2021), for learning from logs alone: weight α of the value, scaled to a mean of 1, against
-    staying close to the logged actions; theirs is 2.5. Observations are not normalised; the penalty above and the
-    falling learning rate stay as they are set. None: plain TD3."""
+    staying close to the logged actions; theirs is 2.5. Observations are standardised, as theirs; the penalty above and
+    the falling learning rate stay as they are set. None: plain TD3."""
     buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
     precision: Precision = "bfloat16"

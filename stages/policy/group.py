@@ -75,6 +75,8 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
     for row, (spec, log) in enumerate(zip(group, logs, strict=True)):
         if spec.sources:
             offline.fill(buffer, row, spec.sources)
+            if spec.config.td3.behaviour_cloning is not None:
+                td3.standardise(row, *buffer.standardise(row))
         if position == START:
             log.restore({"parts": 0, "episodes": 0, "evaluations": 0, "updates": 0})
             continue

@@ -5,6 +5,9 @@ import torch
 
 from stages.policy.td3 import Batch
 
+_LEAST_DEVIATION = 1e-3
+"""Added to standard deviations: TD3+BC's, against entries that never change."""
+
 
 class ReplayBuffer:
     """One ring per run, on the CPU. Rows keep the sparse reward too, so that a switch can relabel them."""
@@ -37,6 +40,18 @@ class ReplayBuffer:
         self._reward[run, rows], self._reward_sparse[run, rows] = reward, reward_sparse
         self._next[run] = (self._next[run] + len(reward)) % self.capacity
         self.size[run] = min(self.size[run] + len(reward), self.capacity)
+
+    def standardise(self, run: int) -> tuple[np.ndarray, np.ndarray]:
+        """Observations of a run that is to get no more of them: each entry less its mean, by its standard deviation.
+
+        Returns both, (o,) each, with which to standardise what the policy will see (TD3+BC, Fujimoto & Gu 2021, §5).
+        """
+        rows = slice(self.size[run])
+        seen = self._observation[run, rows].astype(np.float64)
+        mean, deviation = seen.mean(axis=0), seen.std(axis=0) + _LEAST_DEVIATION
+        for array in (self._observation, self._next_observation):
+            array[run, rows] = (array[run, rows] - mean) / deviation
+        return mean.astype(np.float32), deviation.astype(np.float32)
 
     def switch(self, run: int, treatment: str) -> None:
         """What becomes of the dense rewards of a run at the switch: `keep`, `relabel` as sparse, or `empty`."""

@@ -74,6 +74,7 @@ class TD3:
         self.actor_optimiser = StackedAdam(self.actor, config.learning_rate)
         self.critic_optimiser = StackedAdam(self.critic, config.learning_rate)
         self.updates = torch.zeros(n, 1)  # on the CPU: it decides what is computed
+        self._mean, self._deviation = torch.zeros(n, observation_dim), torch.ones(n, observation_dim)
         for row in range(n):
             self.draw(row, "all", 0)
 
@@ -88,6 +89,20 @@ class TD3:
             self.actor[row] = self.actor_target[row] = actor.to(self.device)
             self.actor_optimiser.forget(row)
 
+    def standardise(self, row: int, mean: np.ndarray, deviation: np.ndarray) -> None:
+        """From now on a run's batches are of standardised observations, by (o,) each; `act` standardises its own."""
+        self._mean[row], self._deviation[row] = torch.from_numpy(mean), torch.from_numpy(deviation)
+
+    def of_raw_observations(self, row: int, network: dict[str, Tensor]) -> dict[str, Tensor]:
+        """A run's network by layers (see `StackedMLP.named`) as the same function of observations as they are.
+
+        Its first layer takes the standardisation in: (x − μ) / σ · W + b = x · W / σ + b − μ / σ · W.
+        """
+        weight, bias = network["0.weight"].clone(), network["0.bias"]
+        mean, deviation = self._mean[row].to(weight.device), self._deviation[row].to(weight.device)
+        weight[: len(mean)] /= deviation[:, None]
+        return network | {"0.weight": weight, "0.bias": bias - mean @ weight[: len(mean)]}
+
     def set_learning_rate(self, rate: float) -> None:
         """Of all networks, from the next update on."""
         self.actor_optimiser.learning_rate = self.critic_optimiser.learning_rate = rate
@@ -95,7 +110,8 @@ class TD3:
     @torch.no_grad()
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions (n, a) of the policies in float32, without noise, for observations (n, o)."""
-        inputs = torch.from_numpy(observations).to(self.device)[:, None].repeat(1, _ACT_ROWS, 1)
+        standardised = (torch.from_numpy(observations) - self._mean) / self._deviation
+        inputs = standardised.to(self.device)[:, None].repeat(1, _ACT_ROWS, 1)
         return self.actor_net.forward(self.actor_net.layers(self.actor), inputs).tanh()[:, 0].cpu().numpy()
 
     def update(self, batch: Batch, noise: Tensor, rows: Sequence[int] | None = None) -> Tensor:

@@ -1,5 +1,7 @@
 """Runs side by side: groups, how sure a difference is, and the settings that differ."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,11 @@ from PIL import Image
 
 from schemas.errors import ArtifactError, ConfigError
 from stages.analyze.compare import compare
+from stages.analyze.compare_page import save_comparison
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.figures.compare import comparison
-from stages.analyze.figures.export import save
 from stages.analyze.statistics import Statistics, probability_of_improvement
 from tests.analyze.fake_runs import write_run
+from tests.analyze.report_page import Page
 
 RETURNS = st.lists(st.floats(0, 200), min_size=1, max_size=6).map(np.array)
 
@@ -91,13 +93,16 @@ def test_unknown_names_and_runs_without_evaluation(root: Path) -> None:
 
 
 def test_figure_as_page_picture_and_drawing(root: Path, tmp_path: Path) -> None:
-    figure = comparison(compare(root, ["a", "b"], AnalyzeConfig()))
+    compared = compare(root, ["a", "b"], AnalyzeConfig())
     for suffix in (".html", ".png", ".svg"):
-        save(figure, tmp_path / f"compared{suffix}")
-    page = (tmp_path / "compared.html").read_text()
-    assert "https://" not in page.split("<script")[0]
+        save_comparison(compared, tmp_path / f"compared{suffix}")
+    page = Page((tmp_path / "compared.html").read_text())
+    assert not page.references
+    said = re.sub(r"\s+", " ", page.text)
+    assert "b dense2sparse" in said and "0.78" in said and "policy.buffer" in said and "relabel" in said
+    assert len(json.loads(page.scripts[0])["figures"]["comparison"]) == 2
     assert "b dense2sparse" in (tmp_path / "compared.svg").read_text()
     with Image.open(tmp_path / "compared.png") as image:
         assert len(image.convert("RGB").getcolors(1 << 24) or []) > 50
-    with pytest.raises(ConfigError, match=r"unknown suffix of a figure '.pdf'; valid: .html, .png, .svg"):
-        save(figure, tmp_path / "compared.pdf")
+    with pytest.raises(ConfigError, match=r"unknown suffix of a comparison '.pdf'; valid: .html, .png, .svg"):
+        save_comparison(compared, tmp_path / "compared.pdf")

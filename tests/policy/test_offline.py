@@ -11,10 +11,10 @@ import torch
 from schemas.errors import ArtifactError
 from schemas.progress import Task
 from stages.policy import offline
-from stages.policy.config import RunSpec
+from stages.policy.config import RunSpec, TD3Config
 from stages.policy.loop import Lockstep
 from stages.policy.replay_buffer import ReplayBuffer
-from stages.policy.td3 import cloning_loss
+from stages.policy.td3 import TD3, cloning_loss
 from tests.policy.small_training import CONFIG, HORIZON, everything, run_specs, trained, transitions
 
 pytestmark = pytest.mark.usefixtures("fake")
@@ -57,8 +57,10 @@ def test_the_buffer_holds_the_training_transitions_of_all_sources(source: RunSpe
     assert set(batch.reward[0].tolist()) == set(rows["reward_used"][training].astype(np.float32).tolist())
 
 
-def test_resumed_equals_uninterrupted(source: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, stopped = learner(tmp_path / "whole", source), learner(tmp_path / "stopped", source)
+def interruption_changes_nothing(
+    source: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, **changes: object
+) -> None:
+    whole, stopped = (learner(tmp_path / name, source, **changes) for name in ("whole", "stopped"))
     trained([whole])
     learn, episodes = Lockstep.learn_episode, []
 
@@ -74,6 +76,10 @@ def test_resumed_equals_uninterrupted(source: RunSpec, tmp_path: Path, monkeypat
     trained([stopped])
     assert episodes == [0, 1, 2, 3, 4, 4, 5]  # from the checkpoint after four
     assert everything(stopped) == everything(whole)
+
+
+def test_resumed_equals_uninterrupted(source: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    interruption_changes_nothing(source, tmp_path, monkeypatch)
 
 
 def test_the_same_sources_and_seed_give_the_same_bytes(source: RunSpec, tmp_path: Path) -> None:
@@ -103,6 +109,41 @@ def test_a_cloned_policy_stays_close_to_the_logged_actions(source: RunSpec, tmp_
         return float(np.abs(transitions(spec)["action"].mean(axis=0) - mean).mean())
 
     assert off("near", near) < 0.5 * off("free", free)
+
+
+def test_observations_are_standardised_by_hand() -> None:
+    """Two rows, 1 and 3: mean 2, deviation 1 and the least one; the next observations by the same numbers."""
+    buffer = ReplayBuffer(2, 5, 1, 1)
+    column, zeros = np.array([[1.0], [3.0]], np.float32), np.zeros(2, np.float32)
+    buffer.add(1, column, column, zeros, zeros, 2 * column, zeros)
+    mean, deviation = buffer.standardise(1)
+    assert (mean.tolist(), deviation.tolist()) == ([2.0], [pytest.approx(1.001)])
+    seen = buffer.sample(50, [np.random.default_rng(row) for row in range(2)], "cpu")
+    np.testing.assert_allclose(sorted(set(seen.observation[1].ravel().tolist())), [-1 / 1.001, 1 / 1.001], rtol=1e-6)
+    np.testing.assert_allclose(sorted(set(seen.next_observation[1].ravel().tolist())), [0, 4 / 1.001], atol=1e-6)
+
+
+def test_a_published_policy_takes_observations_as_they_are() -> None:
+    rng = np.random.default_rng(0)
+    td3 = TD3(TD3Config(hidden=(8,)), 3, 2, [5, 6])
+    observations = rng.normal([1, 10, 100], [0.1, 1, 10], (2, 3)).astype(np.float32)
+    before = td3.act(observations)
+    td3.standardise(1, np.array([1, 10, 100], np.float32), np.array([0.1, 1, 10], np.float32))
+    after = td3.act(observations)
+    np.testing.assert_array_equal(after[0], before[0])
+    for row in range(2):
+        named = td3.of_raw_observations(row, td3.actor_net.named(td3.actor[row]))
+        hidden = np.maximum(observations[row] @ named["0.weight"].numpy() + named["0.bias"].numpy(), 0)
+        acted = np.tanh(hidden @ named["1.weight"].numpy() + named["1.bias"].numpy())
+        np.testing.assert_allclose(acted, after[row], atol=1e-5)
+    critic = td3.of_raw_observations(1, td3.critic_net.named(td3.critic[1, : td3.critic_net.parameters]))
+    plain = td3.critic_net.named(td3.critic[1, : td3.critic_net.parameters])
+    np.testing.assert_array_equal(critic["0.weight"][3:], plain["0.weight"][3:])  # actions are as they were
+
+
+def test_td3_bc_resumed_equals_uninterrupted(source: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cloning = {"td3": CONFIG.td3.model_copy(update={"behaviour_cloning": 2.5})}
+    interruption_changes_nothing(source, tmp_path, monkeypatch, **cloning)
 
 
 def test_a_source_that_has_only_evaluations(source: RunSpec, tmp_path: Path) -> None:

@@ -53,20 +53,20 @@ def _ends(compared: Comparison, task: str) -> list[Row]:
     ]
 
 
-def _colour(labels: Sequence[str]) -> alt.Color:
+def _colour(labels: Sequence[str], legend: bool) -> alt.Color:
     """A scheme has its own colour where the schemes are what differs."""
     schemes = set(labels) <= set(SCHEMES)
     palette = [theme.COLOURS[label] for label in labels] if schemes else list(theme.SERIES + theme.MORE_SERIES)
     scale = alt.Scale(domain=list(labels), range=[palette[i % len(palette)] for i in range(len(labels))])
-    legend = alt.Legend(title=None, orient="bottom", columns=2, labelLimit=320, symbolOpacity=1)
-    return alt.Color("label:N", scale=scale, legend=legend)
+    below = alt.Legend(title=None, orient="bottom", columns=2, labelLimit=320, symbolOpacity=1)
+    return alt.Color("label:N", scale=scale, legend=below if legend else None)
 
 
 def _curves_panel(rows: list[Row], labels: Sequence[str]) -> Callable[[bool], Drawing]:
     def draw(page: bool) -> Drawing:
         del page
         x = alt.X("after_episode:Q", title="training episodes")
-        base = alt.Chart(values(rows)).encode(x=x, color=_colour(labels))
+        base = alt.Chart(values(rows)).encode(x=x, color=_colour(labels, legend=True))
         y = alt.Y("mean:Q", title="episode reward", scale=alt.Scale(zero=True, nice=True))
         tooltip = ["label:N", "after_episode:Q", *(alt.Tooltip(f"{part}:Q", format=".1f") for part in ("mean", "std"))]
         return alt.layer(
@@ -82,10 +82,10 @@ def _ends_panel(rows: list[Row], labels: Sequence[str]) -> Callable[[bool], Draw
         del page
         seeds = [{"label": row["label"], "return": value} for row in rows for value in row["seeds"]]
         y = alt.Y("label:N", sort=list(labels), title=None, axis=alt.Axis(labelLimit=220, domain=False, ticks=False))
-        base = alt.Chart(values(rows)).encode(y=y, color=_colour(labels))
+        base = alt.Chart(values(rows)).encode(y=y, color=_colour(labels, legend=False))
         x = alt.X("mean:Q", title="episode reward", scale=alt.Scale(zero=True, nice=True))
         tooltip = ["label:N", *(alt.Tooltip(f"{part}:Q", format=".1f") for part in ("mean", "low", "high"))]
-        points = alt.Chart(values(seeds)).encode(y=y, color=_colour(labels))
+        points = alt.Chart(values(seeds)).encode(y=y, color=_colour(labels, legend=False))
         return alt.layer(
             base.mark_rule(strokeWidth=2).encode(x=alt.X("low:Q"), x2="high:Q"),
             points.mark_tick(thickness=1.5, size=12, opacity=0.7).encode(x="return:Q", tooltip=["label:N", "return:Q"]),

@@ -16,7 +16,7 @@ from stages.analyze.figures.figure import Figure
 _PANEL = {"width": 270, "height": 210}  # pixels
 _PNG_SCALE = 2.0
 _VERSION = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
-FIGURE_SUFFIXES = (".html", ".png", ".svg")
+SUFFIXES = (".png", ".svg")
 
 
 def page_specification(figure: Figure) -> list[dict[str, Any]]:
@@ -39,7 +39,7 @@ def write(figure: Figure, directory: Path) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write one file: .svg, .png, or .html that opens offline and shows numbers under the pointer.
+    """Write one file: .svg or .png.
 
     Raises:
         ConfigError: another suffix.
@@ -48,11 +48,8 @@ def save(figure: Figure, path: Path) -> None:
         write_bytes(_svg(figure).encode(), path)
     elif path.suffix == ".png":
         write_bytes(vl_convert.svg_to_png(_svg(figure), scale=_PNG_SCALE), path)
-    elif path.suffix == ".html":
-        page = vl_convert.vegalite_to_html(file_specification(figure), vl_version=_VERSION, bundle=True)
-        write_bytes(page.encode(), path)
     else:
-        raise ConfigError(unknown_choice("suffix of a figure", path.suffix, FIGURE_SUFFIXES))
+        raise ConfigError(unknown_choice("suffix of a figure", path.suffix, SUFFIXES))
 
 
 def _svg(figure: Figure) -> str:
