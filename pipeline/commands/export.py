@@ -45,8 +45,9 @@ def export(
     """Write a run or a dataset in the format of LeRobot, robomimic or Minari.
 
     ARTIFACT is runs/NAME/CELL, relabels/NAME/CELL or datasets/NAME. Of a run: what the policy saw, its actions and the
-    reward TD3 was given; with --images every episode is simulated again before the run's camera. Of a dataset: the
-    kept frames, with joints, action and cube of the same moment. What is written is whole or absent.
+    reward TD3 was given; with --images every episode is simulated again before the run's camera, for robomimic in any
+    case, which also keeps the simulator's states. Of a dataset: the kept frames, with joints, action and cube of the
+    same moment. What is written is whole or absent.
     """
     from pipeline.artifacts.inputs import resolve
     from pipeline.output import console, print_json

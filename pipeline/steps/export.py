@@ -41,5 +41,5 @@ def export(store: Store, artifact_id: str, wish: Wish, target: Path, progress: P
     from stages.replay.formats.export import export as write
 
     check_target(target)
-    source = open_source(store.path(artifact_id), wish.split, wish.episodes, images)
+    source = open_source(store.path(artifact_id), wish.form, wish.split, wish.episodes, images)
     return write(source, wish.form, target, progress)

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.replay.frames import run_camera
 from stages.replay.logs import LoggedEpisode
+from stages.replay.onlooker import Onlooker
 from stages.replay.reestimate import Eye, reestimate
-from stages.replay.rollout import look
 from stages.replay.simulate import scene_of
-from stages.sim.renderer import Renderer
 from stages.sim.world import World
 
 ReplaceCube = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -22,8 +20,8 @@ class Observer:
     """Sees episodes again as the new scheme's policy would have seen them."""
 
     def __init__(self, scheme: str, eye: Eye | None, replace_cube: ReplaceCube, stack: ExitStack) -> None:
-        self._scheme, self._eye, self._replace_cube, self._stack = scheme, eye, replace_cube, stack
-        self._renderer: Renderer | None = None  # one for all episodes, until the stack ends
+        self._scheme, self._eye, self._replace_cube = scheme, eye, replace_cube
+        self._onlooker = Onlooker(stack, image_size=eye.image_size, otherwise=eye.camera) if eye else None
 
     def again(self, logged: LoggedEpisode) -> LoggedEpisode:
         """With other estimates and observations where the scheme or the estimator asks for them.
@@ -33,11 +31,11 @@ class Observer:
             MachineError: there is no OpenGL to render with.
         """
         cubes = None
-        if self._eye:
-            cubes = self._eye.predict(self._frames(logged, self._eye))  # (n + 1, 3)
+        if self._eye and self._onlooker:
+            cubes = self._eye.predict(self._onlooker.watch(logged).frames)  # (n + 1, 3)
             logged = reestimate(logged, cubes[1:], self._eye.name)
         if self._scheme == "oracle":
-            first = World(scene_of(logged), logged.task).reset(logged.initial_state)["cube_position"]
+            first = World(scene_of(logged), logged.task, compiled=False).reset(logged.initial_state)["cube_position"]
             cubes = np.concatenate([first[None], logged.vector("cube_true")])
         return logged if cubes is None else self._seeing(logged, cubes)
 
@@ -46,9 +44,3 @@ class Observer:
         seen = {"observation": cubes[:-1], "next_observation": cubes[1:]}
         changed = {name: self._replace_cube(logged.rows[name], of) for name, of in seen.items()}
         return replace(logged, rows=logged.rows | changed)
-
-    def _frames(self, logged: LoggedEpisode, eye: Eye) -> np.ndarray:
-        camera = run_camera(logged, otherwise=eye.camera)
-        if self._renderer is None:
-            self._renderer = self._stack.enter_context(Renderer(scene_of(logged), eye.image_size, camera.config.fovy))
-        return look(logged, self._renderer, camera.pose)

@@ -10,7 +10,6 @@ from stages.replay.logs import LoggedEpisode
 from stages.replay.proof import ReplayResult, compare
 from stages.replay.simulate import Trajectory, scene_of, simulate
 from stages.replay.track import Pose
-from stages.sim.camera import CameraPose
 from stages.sim.renderer import Renderer
 from stages.sim.scene import Scene
 from stages.sim.world import World
@@ -63,18 +62,6 @@ def roll_out(
     result = compare(logged, trajectory)
     states, pictures = np.array(integration_states), (frames.get(shown, []), frames.get(seen, []))
     return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), *pictures)
-
-
-def look(logged: LoggedEpisode, renderer: Renderer, pose: CameraPose) -> np.ndarray:
-    """Frames (n + 1, H, W, 3) uint8 of the replayed states, the initial one first.
-
-    Raises:
-        ArtifactError: the initial state is of another scene, or the replay is another trajectory.
-    """
-    frames: list[np.ndarray] = []
-    trajectory = simulate(logged, lambda world: frames.append(renderer.render(world.qpos_full(), pose)))
-    compare(logged, trajectory).require_identical()
-    return np.stack(frames)
 
 
 def _by_link(poses: list[dict[str, tuple[np.ndarray, np.ndarray]]]) -> dict[str, Pose]:

@@ -33,7 +33,7 @@ FORMATS: tuple[Format, ...] = ("lerobot", "robomimic", "minari")
 def exported(
     artifact: Path, form: Format, target: Path, images: bool = False, split: str | None = None, limit: int | None = None
 ) -> Path:
-    export(open_source(artifact, split, limit, images), form, target, Silent())
+    export(open_source(artifact, form, split, limit, images), form, target, Silent())
     return target
 
 
@@ -143,6 +143,9 @@ def test_robomimic_images_and_simulator_states(run_dir: Path, tmp_path: Path, fr
         initial = load_episode(run_dir, "final", 0).initial_state
         np.testing.assert_array_equal(states[0], initial[: states.shape[1]])
         assert file["mask/final"][()].tolist() == [b"demo_0", b"demo_1"]
+    with h5py.File(exported(run_dir, "robomimic", tmp_path / "y.hdf5")) as file:
+        np.testing.assert_array_equal(file["data/demo_0/states"][()], states)
+        assert "image" not in file["data/demo_0/obs"]
 
 
 def test_lerobot_rows(run: Path, tmp_path: Path) -> None:
@@ -248,23 +251,23 @@ def test_a_dataset_is_its_frames(dataset_dir: Path, tmp_path: Path, frames: list
 
 
 def test_which_episodes(run_dir: Path, dataset_dir: Path) -> None:
-    assert open_source(run_dir, "final", 1, images=False).total == 1
-    assert [each.number for each in open_source(run_dir, None, None, images=False).read()] == [0, 1]
+    assert open_source(run_dir, "minari", "final", 1, images=False).total == 1
+    assert [each.number for each in open_source(run_dir, "minari", None, None, images=False).read()] == [0, 1]
     with pytest.raises(ConfigError, match="has no episode of the split train; there: final"):
-        open_source(run_dir, "train", None, images=False)
+        open_source(run_dir, "minari", "train", None, images=False)
     with pytest.raises(ConfigError, match="unknown split 'test'; valid: eval, final, train"):
-        open_source(run_dir, "test", None, images=False)
+        open_source(run_dir, "minari", "test", None, images=False)
     with pytest.raises(ConfigError, match="unknown split 'final'; valid: test, train, validation"):
-        open_source(dataset_dir, "final", None, images=False)
+        open_source(dataset_dir, "minari", "final", None, images=False)
     with pytest.raises(ConfigError, match="has no episode of the split train"):
-        open_source(dataset_dir, "train", None, images=False)
+        open_source(dataset_dir, "minari", "train", None, images=False)
 
 
 def test_a_run_without_estimator_has_no_estimates(fresh_run: Callable[..., Path]) -> None:
     run_dir = fresh_run()
     config = json.loads((run_dir / "manifest.json").read_text())["config"]
     edit_manifest(run_dir, config=config | {"estimator": None})
-    signals = next(open_source(run_dir, None, None, images=False).read()).signals
+    signals = next(open_source(run_dir, "minari", None, None, images=False).read()).signals
     assert "cube_est" not in signals and "reward_dense_est" not in signals and "cube_true" in signals
 
 
@@ -273,7 +276,7 @@ def test_episodes_are_told_apart_within_a_part(run: Path) -> None:
     before = logged(run)
     pq.write_table(pa.concat_tables(map(pq.read_table, parts)), parts[0], row_group_size=7)
     parts[1].unlink()
-    after = list(open_source(run, None, None, images=False).read())
+    after = list(open_source(run, "minari", None, None, images=False).read())
     assert [episode.number for episode in after] == [0, 1]
     for episode, rows in zip(after, before, strict=True):
         np.testing.assert_array_equal(episode.actions, rows["action"])
@@ -299,7 +302,7 @@ def test_nothing_is_left_of_what_was_interrupted(
             raise error("no more")
 
     with pytest.raises((KeyboardInterrupt, Exception), match="no more"):
-        export(open_source(run_dir, None, None, images=False), form, tmp_path / "x", Interrupting())
+        export(open_source(run_dir, "minari", None, None, images=False), form, tmp_path / "x", Interrupting())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -326,12 +329,12 @@ def test_what_is_no_run(fresh_run: Callable[..., Path]) -> None:
     run_dir = fresh_run()
     edit_manifest(run_dir, stage="analyze")
     with pytest.raises(ArtifactError, match="is an artifact of analyze, not a run"):
-        open_source(run_dir, None, None, images=False)
+        open_source(run_dir, "minari", None, None, images=False)
     edit_manifest(run_dir, stage="train-policy")
     row = pq.read_table(run_dir / "episodes.parquet").slice(1, 1)
     pq.write_table(pa.Table.from_pylist(row.to_pylist(), schema=EPISODES), run_dir / "episodes.parquet")
     with pytest.raises(ArtifactError, match=r"has an episode that episodes\.parquet does not name"):
-        list(open_source(run_dir, None, 2, images=False).read())
+        list(open_source(run_dir, "minari", None, 2, images=False).read())
 
 
 def test_images_of_another_trajectory_are_refused(fresh_run: Callable[..., Path], tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from stages.replay.formats.runs import SPLITS as RUN_SPLITS
 from stages.replay.formats.runs import run_source
 
 Format = Literal["lerobot", "robomimic", "minari"]
+_WITH_STATES: tuple[Format, ...] = ("robomimic",)  # which plays trajectories back from them
 
 
 class Writer(Protocol):
@@ -31,8 +32,8 @@ class Writer(Protocol):
     def close(self) -> None: ...
 
 
-def open_source(directory: Path, split: str | None, limit: int | None, images: bool) -> Source:
-    """Episodes of the artifact in `directory`, of one split or of all, at most `limit`.
+def open_source(directory: Path, form: Format, split: str | None, limit: int | None, images: bool) -> Source:
+    """Episodes of the artifact in `directory` for a format, of one split or of all, at most `limit`.
 
     Raises:
         ArtifactError: it is damaged.
@@ -42,7 +43,9 @@ def open_source(directory: Path, split: str | None, limit: int | None, images: b
     splits = DATASET_SPLITS if is_dataset else RUN_SPLITS
     if split not in (None, *splits):
         raise ConfigError(f"--split {split}: {unknown_choice('split', str(split), splits)}")
-    return (dataset_source if is_dataset else run_source)(directory, split, limit, images)
+    if is_dataset:
+        return dataset_source(directory, split, limit, images)
+    return run_source(directory, split, limit, images, states=form in _WITH_STATES)
 
 
 def export(source: Source, form: Format, target: Path, progress: Progress) -> dict[str, Any]:

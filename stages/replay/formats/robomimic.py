@@ -18,7 +18,8 @@ class RobomimicWriter:
     """Writes `data/demo_0 …` and `mask`.
 
     `dones` is where an episode terminated: the horizon is a truncation, kept beside it as `truncated`. `states` are
-    MuJoCo's, where episodes were simulated again. There is `next_obs` where the next observation is known.
+    MuJoCo's, of a run, from which robomimic plays a trajectory back. There is `next_obs` where the next observation is
+    known.
     """
 
     def __init__(self, source: Source, path: Path) -> None:

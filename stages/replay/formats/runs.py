@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -13,23 +14,20 @@ import pyarrow.parquet as pq
 from schemas.errors import ArtifactError, ConfigError
 from schemas.manifest import Manifest, read_manifest
 from stages.replay.formats.episodes import IMAGE, STATE, Episode, Source
-from stages.replay.frames import run_camera
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
+from stages.replay.onlooker import Onlooker, replayed
 from stages.replay.parquet import reading
-from stages.replay.proof import compare
-from stages.replay.simulate import scene_of, simulate
-from stages.sim.renderer import Renderer
-from stages.sim.world import World
+from stages.replay.simulate import scene_of
 
 SPLITS = ("train", "eval", "final")
 _ROWS_AT_ONCE = 8192  # of a part: a few MB
 _FROM_ESTIMATE = ("reward_dense_est", "cube_est")
 
 
-def run_source(run_dir: Path, split: str | None, limit: int | None, images: bool) -> Source:
+def run_source(run_dir: Path, split: str | None, limit: int | None, images: bool, states: bool) -> Source:
     """Episodes of the run in `run_dir`: of one split or of all, at most `limit`, as the logs have them.
 
-    With `images` each episode is simulated again before the run's camera, which also gives the simulator's states.
+    With `images` or the simulator's `states` each episode is simulated again, for images before the run's camera.
 
     Raises:
         ArtifactError: it is no run, or damaged.
@@ -48,9 +46,9 @@ def run_source(run_dir: Path, split: str | None, limit: int | None, images: bool
     def read() -> Generator[Episode, None, None]:
         logged = _logged(run_dir, manifest, summaries, split)
         with ExitStack() as stack:
-            camera = _Camera(stack) if images else None
+            replay = _Replay(Onlooker(stack) if images else None) if images or states else None
             for each in islice(logged, total):
-                yield _episode(each, camera)
+                yield _episode(each, replay)
 
     world = manifest.config["world"]
     return Source(manifest.id, str(world["robot"]), world, has_rewards=True, total=total, read=read)
@@ -84,40 +82,25 @@ def _tables(part: Path) -> Iterator[pa.Table]:
         yield rest
 
 
-class _Camera:
-    """Sees episodes of one run again."""
+@dataclass(frozen=True)
+class _Replay:
+    """What of an episode takes a replay: its states, and frames where an `onlooker` watches."""
 
-    def __init__(self, stack: ExitStack) -> None:
-        self._stack = stack
-        self._renderer: Renderer | None = None
+    onlooker: Onlooker | None
 
-    def watch(self, logged: LoggedEpisode) -> tuple[np.ndarray, np.ndarray]:
-        """Frames (n + 1, H, W, 3) uint8 of the replayed states, and the states (n + 1, k): time [s], qpos, qvel.
-
-        Raises:
-            ArtifactError: the replay is another trajectory than the logged one.
-        """
-        scene, camera = scene_of(logged), run_camera(logged)
-        if self._renderer is None:
-            renderer = Renderer(scene, camera.config.image_size, camera.config.fovy)
-            self._renderer = self._stack.enter_context(renderer)
-        seen, frames, states = self._renderer, [], []
-        size = 1 + scene.model.nq + scene.model.nv  # the integration state begins with them
-
-        def watch(world: World) -> None:
-            frames.append(seen.render(world.qpos_full(), camera.pose))
-            states.append(world.integration_state()[:size])
-
-        compare(logged, simulate(logged, watch)).require_identical()
-        return np.stack(frames), np.stack(states)
+    def watch(self, logged: LoggedEpisode) -> tuple[np.ndarray, np.ndarray | None]:
+        """States (n + 1, k): time [s], qpos, qvel; frames (n + 1, H, W, 3) uint8."""
+        states, frames = self.onlooker.watch(logged) if self.onlooker else (replayed(logged), None)
+        model = scene_of(logged).model
+        return states[:, : 1 + model.nq + model.nv], frames  # an integration state begins with them
 
 
-def _episode(logged: LoggedEpisode, camera: _Camera | None) -> Episode:
+def _episode(logged: LoggedEpisode, replay: _Replay | None) -> Episode:
     rows = logged.rows
     observations = {STATE: np.concatenate([rows["observation"], rows["next_observation"][-1:]])}
-    states = None
-    if camera:
-        observations[IMAGE], states = camera.watch(logged)
+    states, frames = replay.watch(logged) if replay else (None, None)
+    if frames is not None:
+        observations[IMAGE] = frames
     return Episode(
         task=logged.task,
         split=logged.split,
