@@ -3,8 +3,8 @@
 import json
 import sys
 import traceback
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import click
 
@@ -17,6 +17,7 @@ class Failure(NamedTuple):
     exit_code: int
     kind: str
     message: str
+    details: Mapping[str, Any] = {}
 
 
 def classify(error: BaseException, arguments: Sequence[str]) -> Failure:
@@ -28,7 +29,7 @@ def classify(error: BaseException, arguments: Sequence[str]) -> Failure:
     if isinstance(error, click.ClickException):
         return Failure(2, "UsageError", _usage(error))
     if isinstance(error, PipelineError):
-        return Failure(error.exit_code, type(error).__name__, str(error))
+        return Failure(error.exit_code, type(error).__name__, str(error), error.details)
     return _unexpected(error)
 
 
@@ -69,6 +70,6 @@ def report(error: BaseException, arguments: Sequence[str]) -> int:
         traceback.print_exception(error, file=sys.stderr)
     click.echo(f"Error: {failure.message}", err=True)
     if "--json" in arguments:
-        details = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
-        click.echo(json.dumps({"error": details}))
+        said = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
+        click.echo(json.dumps({"error": {**said, **failure.details}}))
     return failure.exit_code

@@ -1,5 +1,6 @@
 """Rerun recordings of whatever an artifact holds, made by the rooms that know how."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from shutil import copyfile
@@ -11,8 +12,10 @@ from pipeline.artifacts.store import Store
 from pipeline.machine import require_sim
 from schemas.errors import ArtifactError, ConfigError
 
+_EPISODE_FILE = re.compile(r"datasets/(?P<dataset>[^/]+)/episodes/episode-(?P<episode>\d{6})\.mcap")
 
-def recording_path(save: Path) -> Path:
+
+def checked_save(save: Path) -> Path:
     """The file to write; ConfigError unless it is a recording in a directory that is there."""
     if save.suffix != ".rrd":
         raise ConfigError(f"--save {save}: a Rerun recording ends in .rrd")
@@ -28,11 +31,11 @@ class Recorder:
         self._root = root
 
     def episode(self, run: str, split: str, episode: int, file: Path) -> None:
-        """Of a logged episode of runs/`run`."""
+        """Of a logged episode of runs/`run`, if its replay is identical."""
         require_sim()
         from stages.replay.recording import record_episode
 
-        record_episode(self._root / "runs" / run, split, episode, file)
+        record_episode(self._root / "runs" / run, split, episode, file, proven=True)
 
     def dataset(self, name: str, episode: int, file: Path) -> int:
         """Of an episode of datasets/`name`; its number of frames."""
@@ -56,13 +59,34 @@ def record_artifact(store: Store, artifact_id: str, split: str, episode: int, sa
     kind, parts = split_id(artifact_id)
     name, recorder = "/".join(parts), Recorder(store.root)
     if kind == "runs":
-        recorder.episode(name, split, episode, save)
-        return {"split": split, "episode": episode}
+        return _episode(store.path(artifact_id), split, episode, save)
     if kind == "datasets":
         return {"episode": episode, "frames": recorder.dataset(name, episode, save)}
     if kind == "estimators":
         return recorder.estimator(name, save)
     return _comparison(store.path(artifact_id), save)
+
+
+def _episode(run: Path, split: str, episode: int, save: Path) -> dict[str, Any]:
+    """Also one whose replay differs: that is said."""
+    require_sim()
+    from stages.replay.recording import record_episode
+
+    result = record_episode(run, split, episode, save)
+    warning = None if result.identical else f"the picture is of another trajectory than the logs: {result.message()}"
+    return {"split": split, "episode": episode, "identical": result.identical, "warning": warning}
+
+
+def record_file(store: Store, path: Path, save: Path) -> dict[str, Any]:
+    """Write the recording of an MCAP file: of an episode of a dataset with the arm's meshes, of another as it is."""
+    if not path.is_file():
+        raise ArtifactError(f"there is no file {path}")
+    inside = _EPISODE_FILE.fullmatch(str(path.resolve()).removeprefix(f"{store.root.resolve()}/"))
+    if inside:
+        return record_artifact(store, f"datasets/{inside['dataset']}", "", int(inside["episode"]), save)
+    from stages.replay.mcap_recording import record_mcap
+
+    return {"topics": record_mcap(path, save)}
 
 
 def record_comparison(root: Path, runs: Sequence[str], save: Path) -> dict[str, Any]:
@@ -71,6 +95,9 @@ def record_comparison(root: Path, runs: Sequence[str], save: Path) -> dict[str, 
     from stages.analyze.curves_recording import write_comparison
     from stages.analyze.study import ask
 
+    others = [name for name in runs if name.split("/")[0] in ("datasets", "estimators", "reports")]
+    if others:
+        raise ConfigError(f"several artifacts are shown by their learning curves, which only runs have: {others[0]}")
     chosen = select(artifacts(root, "runs"), runs)
     curves = ask(root, chosen, ["learning-curves"])["learning-curves"].rows
     if not curves:

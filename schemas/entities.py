@@ -101,10 +101,15 @@ def state(signal: str) -> str:
 
 
 def curves(panel: str) -> str:
-    """Entity above the learning curves of one panel; characters with a meaning in paths become `_`."""
-    return f"{LEARNING_CURVES}/{re.sub(r'[^A-Za-z0-9_-]+', '_', panel).strip('_')}"
+    """Entity above the learning curves of one panel."""
+    return f"{LEARNING_CURVES}/{_plain(panel)}"
 
 
-def curve(panel: str, scheme: str, part: str) -> str:
+def curve(panel: str, label: str, part: str) -> str:
     """Entity of one learning curve: `part` is mean, or spread for its two bounds."""
-    return f"{curves(panel)}/{scheme}/{part}"
+    return f"{curves(panel)}/{_plain(label)}/{part}"
+
+
+def _plain(name: str) -> str:
+    """Characters with a meaning in paths become `_`."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_")

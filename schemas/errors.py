@@ -1,12 +1,19 @@
 """Errors every room raises; the command line turns each into one message and an exit code (SPEC §1)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+_LISTED = 30  # names that a message can hold
+_RESEMBLING = 5  # of more than that
 
 
 class PipelineError(Exception):
     """An expected failure. The message says what is wrong, where, and what to do about it."""
 
     exit_code = 4
+    details: Mapping[str, Any] = {}
+    """What `--json` says besides the message."""
 
 
 class ConfigError(PipelineError):
@@ -36,4 +43,13 @@ class MachineError(PipelineError):
 
 def unknown_choice(what: str, given: str, valid: Iterable[str]) -> str:
     """Message for a name that is not one of the valid ones, listing them."""
-    return f"unknown {what} {given!r}; valid: {', '.join(sorted(valid))}"
+    return f"unknown {what} {given!r}; valid: {listed(given, valid)}"
+
+
+def listed(given: str, valid: Iterable[str]) -> str:
+    """The valid names; of many those that resemble what was given, and how many more there are."""
+    names = sorted(valid)
+    if len(names) <= _LISTED:
+        return ", ".join(names)
+    shown = get_close_matches(given, names, _RESEMBLING, cutoff=0.3) or names[:_RESEMBLING]
+    return f"{', '.join(shown)} and {len(names) - len(shown)} more"

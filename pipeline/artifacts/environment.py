@@ -13,13 +13,13 @@ PACKAGES = (
     "duckdb",
     "mcap",
     "mujoco",
+    "numba",
     "numpy",
     "polars",
     "pyarrow",
     "rerun-sdk",
     "robosuite",
     "safetensors",
-    "scipy",
     "torch",
 )
 SOURCES = ("pipeline", "stages", "schemas", "rerun_blueprints")

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.artifacts.manifests import file_sha256, manifest_sha256, read_manifest
 from pipeline.artifacts.names import STAGE_OF, artifact_path, depth, existing_ids, split_id
 from pipeline.artifacts.store import check_present
-from schemas.errors import ArtifactError, ConfigError, PipelineError
+from schemas.errors import ArtifactError, ConfigError, PipelineError, listed
 from schemas.manifest import FileRef, InputRef, Manifest
 
 HASHED = (".parquet", ".json", ".safetensors")
@@ -75,7 +75,7 @@ def resolve(root: Path, reference: str, kinds: tuple[str, ...] = tuple(STAGE_OF)
         return candidates[0]
     if candidates:
         raise ConfigError(f"{reference!r} is ambiguous, it may mean: {', '.join(candidates)}")
-    there = ", ".join(each for kind in kinds for each in existing_ids(root, kind)) or "nothing"
+    there = listed(text, (each for kind in kinds for each in existing_ids(root, kind))) or "nothing"
     raise ArtifactError(f"no artifact {reference!r} under {root}; there: {there}")
 
 

@@ -97,7 +97,7 @@ def replay(
         )
     else:
         result = resimulate(path, split, episode)
-    result.require_identical()
+        result.require_identical()
     if options.as_json:
         found = {"what_if": what_if.as_dict() if what_if else None, "saved": str(save) if save else None}
         print_json(result.as_dict() | found)

@@ -1,11 +1,9 @@
 """`pipeline sql`."""
 
-import json
 import sys
 from dataclasses import asdict
-from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO, cast
 
 import click
 
@@ -31,11 +29,16 @@ Example:
 )
 @place_options
 @click.argument("query", metavar="QUERY|FILE.sql|-", required=False)
-@click.option("--format", "format_", type=click.Choice(FORMATS), help="How to print the rows.  [default: table]")
+@click.option(
+    "--format",
+    "format_",
+    type=click.Choice(FORMATS),
+    help="Of the rows.  [default: as FILE ends, else table]",
+)
 @click.option(
     "-o", "--output", type=click.Path(dir_okay=False, path_type=Path), help="File to write instead of stdout."
 )
-@click.option("--schema", is_flag=True, help="Show the views with their columns, and the macros; of one VIEW only.")
+@click.option("--schema", is_flag=True, help="Show the views with their columns, and the macros; or one of them.")
 def sql(options: Place, query: str | None, format_: str | None, output: Path | None, schema: bool) -> None:
     """Ask SQL over all logs.
 
@@ -56,16 +59,41 @@ def sql(options: Place, query: str | None, format_: str | None, output: Path | N
     text = _text(query)
     from stages.analyze.query import run_sql
 
-    if not options.as_json:
-        run_sql(options.data, text, format_ or _format_of(output), output, sys.stdout)
+    if options.as_json:
+        run_sql(options.data, text, "json", None, cast("TextIO", _Object(sys.stdout)))
+        click.echo("}")
         return
-    buffer = StringIO()
-    run_sql(options.data, text, "json", None, buffer)
-    click.echo(json.dumps({"rows": json.loads(buffer.getvalue())}, ensure_ascii=False))
+    rows = run_sql(options.data, text, format_ or _format_of(output), output, sys.stdout)
+    if output and not options.quiet:
+        _say_cut(rows, format_ or _format_of(output), output)
+
+
+class _Object:
+    """A stream that puts the beginning of an object before the first text: where there is an error there is none."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._begun = stream, False
+
+    def write(self, text: str) -> int:
+        """Write text."""
+        if not self._begun:
+            self._stream.write('{"rows": ')
+            self._begun = True
+        return self._stream.write(text)
+
+
+def _say_cut(rows: int, form: str, output: Path) -> None:
+    """A table shows the first rows only, in a file too."""
+    from stages.analyze.writers import TABLE_ROWS
+
+    if form == "table" and rows > TABLE_ROWS:
+        click.echo(
+            f"{output} has the first {TABLE_ROWS} of {rows:,} rows: --format csv, json or parquet has all", err=True
+        )
 
 
 def _show_schema(options: Place, view: str | None) -> None:
-    """All views and macros, or one view."""
+    """All views and macros, or one of them."""
     from rich.markup import escape
 
     from pipeline.output import console, print_json
@@ -74,10 +102,10 @@ def _show_schema(options: Place, view: str | None) -> None:
     from stages.analyze.macros import macros
 
     known = views()
-    if view is not None and view not in known:
-        raise ConfigError(unknown_choice("view", view, known))
-    chosen = {view: known[view]} if view else known
-    called = () if view else macros()
+    chosen = {name: listed for name, listed in known.items() if view in (None, name)}
+    called = [macro for macro in macros() if view in (None, macro.name)]
+    if not chosen and not called:
+        raise ConfigError(unknown_choice("view or macro", str(view), [*known, *(macro.name for macro in macros())]))
     if options.as_json:
         columns = {name: [asdict(column) for column in listed] for name, listed in chosen.items()}
         print_json({"views": columns, "macros": [asdict(macro) for macro in called]})
@@ -103,8 +131,14 @@ def _view_table(name: str, columns: "list[Column]") -> "Table":
 
 def _format_of(output: Path | None) -> str:
     """The format that a file's name asks for."""
-    suffix = output.suffix.removeprefix(".") if output else ""
-    return suffix if suffix in FORMATS else "table"
+    from schemas.errors import ConfigError
+
+    if output is None:
+        return "table"
+    suffix = output.suffix.removeprefix(".")
+    if suffix not in FORMATS:
+        raise ConfigError(f"-o {output}: a file ends in .csv, .json or .parquet, or name its format with --format")
+    return suffix
 
 
 def _text(query: str | None) -> str:

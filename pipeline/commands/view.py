@@ -15,6 +15,7 @@ from pipeline.commands.options import Place, place_options
 Example:
   pipeline view runs/demo/reach-dense2sparse-orbit00-seed0 --episode 3
   pipeline view datasets/demo --episode 12 --save episode.rrd
+  pipeline view data/datasets/demo/episodes/episode-000012.mcap
   pipeline view runs/demo
 """
 )
@@ -30,15 +31,17 @@ Example:
 def view(options: Place, artifact: tuple[str, ...], episode: int, split: str, save: Path | None) -> None:
     """Open an artifact in the Rerun viewer, or save it for later.
 
-    A dataset or run shows one episode, an estimator its predictions, a report its learning curves; several runs, or
-    runs/NAME for all of a matrix, show their learning curves together. The command ends when the window is closed;
-    Ctrl-C closes it.
+    A dataset, a run or a FILE.mcap shows one episode, an estimator its predictions, a report its learning curves;
+    several runs, or runs/NAME for all of a matrix, show their learning curves together. The command ends when the
+    window is closed; Ctrl-C closes it.
     """
     from pipeline.output import console, print_json
-    from pipeline.recordings import recording_path
+    from pipeline.recordings import checked_save
 
     name, record = _recorder(options, artifact, episode, split)
-    shown = record(recording_path(save)) if save else _show(record)
+    shown = record(checked_save(save)) if save else _show(record)
+    if warning := shown.get("warning"):
+        click.echo(f"Warning: {warning}", err=True)
     if options.as_json:
         print_json({"artifact": name, **shown, "recording": str(save) if save else None})
     elif save and not options.quiet:
@@ -50,10 +53,12 @@ def _recorder(
 ) -> tuple[str, Callable[[Path], dict[str, Any]]]:
     """What is shown, and what writes its recording."""
     from pipeline.artifacts.inputs import load, resolve
-    from pipeline.recordings import record_artifact, record_comparison
+    from pipeline.recordings import record_artifact, record_comparison, record_file
 
     if len(artifact) > 1 or _is_matrix(artifact[0]):
         return ", ".join(artifact), lambda file: record_comparison(options.data, artifact, file)
+    if artifact[0].endswith(".mcap"):
+        return artifact[0], lambda file: record_file(options.store, Path(artifact[0]), file)
     artifact_id = resolve(options.data, artifact[0], ("runs", "datasets", "estimators", "reports"))
     load(options.data, artifact_id)
     return artifact_id, lambda file: record_artifact(options.store, artifact_id, split, episode, file)

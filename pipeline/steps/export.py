@@ -37,9 +37,9 @@ def export(store: Store, artifact_id: str, wish: Wish, target: Path, progress: P
     require_sim()
     if images and not is_dataset:
         require_gl()
-    from stages.replay.formats.export import check_target, open_source
+    from stages.replay.formats.export import check_absent, open_source
     from stages.replay.formats.export import export as write
 
-    check_target(target)
+    check_absent(target)
     source = open_source(store.path(artifact_id), wish.form, wish.split, wish.episodes, images)
     return write(source, wish.form, target, progress)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from schemas.errors import PipelineError
 from schemas.progress import Progress
-from stages.analyze.results import IDENTITY, SCHEMES, Row
+from stages.analyze.results import IDENTITY, LEARN_FROM_ESTIMATES, SCHEMES, Row
 
 _SETTING = IDENTITY[:-1]  # without the scheme
 
@@ -76,7 +76,9 @@ class Links:
     def of_region(self, row: Row) -> str | None:
         """The episode with the worst estimate of a region of the table."""
         worst = (row["worst_run"], row["worst_episode"])
-        return _first(file for each, file in self._episodes if (each.run, each.episode) == worst)
+        return _first(
+            file for each, file in self._episodes if (each.run, each.episode) == worst and each.split == "final"
+        )
 
     def of_estimator(self, name: str) -> str | None:
         """The estimator's test frames."""
@@ -86,17 +88,19 @@ class Links:
 def choose(episodes: Sequence[Row], regions: Sequence[Row], count: int) -> list[Watched]:
     """At most `count` episodes, each once, the most asked for first.
 
-    The best and the worst of each task; of every group of runs the typical one, of median return in its median run;
-    the one behind the region of the table with the worst estimates; at last the typical ones of the other runs.
-    `episodes` and `regions` are answers to those questions.
+    The best and the worst of each task; of every group of the main runs the typical one, of median return in its
+    median run; the ones behind the regions of the table with the worst estimates; the typical ones of the studies'
+    variants; at last those of the other main runs. `episodes` and `regions` are answers to those questions.
     """
     typical = sorted((row for row in episodes if row["typical"]), key=_order)
     groups: dict[tuple[object, ...], list[Row]] = {}
     for row in typical:
         groups.setdefault(_group(row), []).append(row)
     medians = [_median(rows) for rows in groups.values()]
+    main, variants = ([row for row in medians if row["main"] == is_main] for is_main in (True, False))
     others = [row for row in typical if row["main"]]  # of the studies no figure shows single runs
-    wanted = [*_extremes(episodes), *_typical(medians), *_worst_estimates(regions), *_typical(others)]
+    of_groups = [*_typical(main), *_worst_estimates(regions), *_typical(variants)]
+    wanted = [*_extremes(episodes), *of_groups, *_typical(others)]
     picked: dict[tuple[str, str, int], Watched] = {}
     for each in wanted:
         picked.setdefault((each.run, each.split, each.episode), each)
@@ -114,7 +118,7 @@ def _typical(rows: Iterable[Row]) -> list[Watched]:
 
 def _worst_estimates(regions: Sequence[Row]) -> list[Watched]:
     """Of each group the episode behind its worst region."""
-    known = [row for row in regions if row["worst_run"] is not None]
+    known = [row for row in regions if row["worst_run"] is not None and row["scheme"] in LEARN_FROM_ESTIMATES]
     worst: dict[tuple[object, ...], Row] = {}
     for row in sorted(known, key=lambda row: -row["estimation_error"]):
         worst.setdefault(_group(row), row)

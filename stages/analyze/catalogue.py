@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from schemas.errors import ArtifactError
+from schemas.errors import ArtifactError, listed
 from schemas.manifest import MANIFEST, Manifest, parse_manifest
 
 Kind = Literal["datasets", "estimators", "runs", "relabels"]
@@ -90,7 +90,7 @@ def select(found: Sequence[Artifact], names: Sequence[str]) -> list[Artifact]:
     for name in names:
         matches = [artifact for artifact in found if _is_named(artifact, name.strip("/"))]
         if not matches:
-            valid = ", ".join(sorted({n for a in found for n in (a.name, a.name.split("/")[0])})) or "none there"
+            valid = listed(name, {n for a in found for n in (a.name, a.name.split("/")[0])}) or "none there"
             raise ArtifactError(f"no readable artifact {name!r} under the data root; valid: {valid}")
         chosen.update({artifact.id: artifact for artifact in matches})
     return list(chosen.values())

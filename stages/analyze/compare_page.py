@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from schemas.errors import ConfigError, unknown_choice
+from schemas.errors import ConfigError, MachineError, unknown_choice
 from schemas.files import write_bytes
 from stages.analyze import page
 from stages.analyze.compare import Comparison
@@ -17,13 +17,17 @@ def save_comparison(compared: Comparison, path: Path) -> None:
 
     Raises:
         ConfigError: another suffix.
+        MachineError: it cannot be written.
     """
-    if path.suffix == ".html":
-        write_bytes(_page(compared).encode(), path)
-    elif path.suffix in SUFFIXES:
-        export.save(comparison(compared), path)
-    else:
+    if path.suffix not in SUFFIXES:
         raise ConfigError(unknown_choice("suffix of a comparison", path.suffix, SUFFIXES))
+    try:
+        if path.suffix == ".html":
+            write_bytes(_page(compared).encode(), path)
+        else:
+            export.save(comparison(compared), path)
+    except OSError as error:
+        raise MachineError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _page(compared: Comparison) -> str:

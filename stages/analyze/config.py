@@ -16,8 +16,9 @@ class AnalyzeConfig(Config):
     """Of the bootstrap."""
     recordings: Annotated[int, Field(ge=0, le=1000)] = 20
     """At most so many Rerun recordings of episodes beside the report, to which the points of the figures lead (2.3 MB
-    and 2 s each): the best and the worst, the typical one of each scheme and study's variant, the ones where estimates
-    are worst, then each run's typical one. 0: none, of estimators neither."""
+    and 1.5 s each): the best and the worst, each scheme's typical one, the ones where estimates are worst, then those
+    of the studies' variants and of single runs. 20 are what the figures of 36 runs lead to but for their single seeds.
+    0: none, of estimators neither."""
 
 
 class AnalyzeStageConfig(Config):

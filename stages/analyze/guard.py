@@ -8,7 +8,7 @@ every table function one of those that read.
 import json
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import duckdb
 
@@ -26,7 +26,14 @@ _TABLE_FUNCTIONS = {
 _EXPLAIN = re.compile(r"explain(\s+analyze)?(\s*\([^()]*\))?\s+(?=\w)", re.IGNORECASE)
 
 
-def check(connection: duckdb.DuckDBPyConnection, sql: str) -> str:
+class Statement(NamedTuple):
+    """A statement that only reads."""
+
+    text: str
+    lines_before: int  # of comments, which DuckDB leaves out when it says where an error is
+
+
+def check(connection: duckdb.DuckDBPyConnection, sql: str) -> Statement:
     """The statement in `sql`, if it is one that only reads.
 
     Raises:
@@ -45,8 +52,9 @@ def check(connection: duckdb.DuckDBPyConnection, sql: str) -> str:
     elif statement.type == duckdb.StatementType.SELECT:
         _check_tree(connection, text)
     else:
-        raise ConfigError(f"SQL: {statement.type.name} statements are refused, the logs are read-only; {_ALLOWED}")
-    return text
+        verb = {"LOAD": "INSTALL and LOAD"}.get(statement.type.name, statement.type.name)
+        raise ConfigError(f"SQL: {verb} statements are refused, the logs are read-only; {_ALLOWED}")
+    return Statement(text, sql[: max(0, sql.rfind(text))].count("\n"))
 
 
 def _explained(text: str) -> str:

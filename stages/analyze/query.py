@@ -1,5 +1,6 @@
 """SQL over all logs: checked, streamed, written as text or Parquet."""
 
+import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TextIO
 import duckdb
 import pyarrow as pa
 
-from schemas.errors import ArtifactError, ConfigError, unknown_choice
+from schemas.errors import ArtifactError, ConfigError, MachineError, unknown_choice
 from stages.analyze import guard
 from stages.analyze.views import connect
 from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
@@ -23,13 +24,13 @@ def query(connection: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchRead
     Raises:
         ConfigError: the statement is refused or wrong; DuckDB's message points at the spot.
     """
-    statement = guard.check(connection, sql)
+    text, lines_before = guard.check(connection, sql)
     try:
-        return connection.sql(statement).to_arrow_reader(BATCH_ROWS)
+        return connection.sql(text).to_arrow_reader(BATCH_ROWS)
     except duckdb.InterruptException:
         raise KeyboardInterrupt from None
     except duckdb.Error as error:
-        raise _sql_error(_located(connection, statement, error)) from None
+        raise _sql_error(_located(connection, text, lines_before, error)) from None
 
 
 def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> int:
@@ -38,6 +39,7 @@ def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> i
     Raises:
         ConfigError: an unknown format, Parquet to a text stream, or an SQL error met on the way.
         ArtifactError: a damaged file met on the way.
+        MachineError: the file cannot be written.
     """
     if format not in FORMATS:
         raise ConfigError(unknown_choice("format", format, FORMATS))
@@ -51,6 +53,8 @@ def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> i
     try:
         rows = _to_file(reader, format, temporary)
         temporary.replace(target)
+    except OSError as error:
+        raise MachineError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
     return rows
@@ -95,17 +99,25 @@ def _batches(reader: pa.RecordBatchReader) -> Iterator[pa.RecordBatch]:
         yield batch
 
 
-def _located(connection: duckdb.DuckDBPyConnection, statement: str, error: duckdb.Error) -> str:
+def _located(connection: duckdb.DuckDBPyConnection, text: str, lines_before: int, error: duckdb.Error) -> str:
     """DuckDB's message with the line and the mark; relations leave them out of binder errors, statements do not."""
-    if "LINE" in str(error):
-        return str(error)
-    try:
-        connection.execute(statement)
-    except duckdb.Error as located:
-        return str(located)
-    return str(error)
+    message = str(error)
+    if "LINE" not in message:
+        try:
+            connection.execute(text)
+        except duckdb.Error as located:
+            message = str(located)
+    return re.sub(
+        r"(?m)^LINE (\d+):(.*\n)", lambda found: _line(found[1], int(found[1]) + lines_before, found[2]), message
+    )
+
+
+def _line(said: str, number: int, rest: str) -> str:
+    """The line with its number in the whole text; the mark below stays under its place."""
+    return f"LINE {number}:{rest}{' ' * (len(str(number)) - len(said))}"
 
 
 def _sql_error(message: str) -> ConfigError | ArtifactError:
+    message = message.removeprefix("Invalid Input Error: Python exception occurred while executing the UDF: ")
     damaged = "No magic bytes" in message or "too small to be a Parquet file" in message
     return ArtifactError(f"a log is damaged: {message}") if damaged else ConfigError(f"SQL: {message}")

@@ -9,6 +9,8 @@ from stages.analyze.statistics import BySeed, Statistics, Summary
 
 SCHEMES = ("oracle", "dense2sparse", "dense", "sparse")
 """In the order of every table and legend: first the one that knows the truth, then the paper's, then its rivals."""
+LEARN_FROM_ESTIMATES = ("dense2sparse", "dense")
+"""Schemes that act on estimates and are trained by rewards from them."""
 
 Row = dict[str, Any]
 IDENTITY = ("name", "task", "misalignment_kind", "misalignment_deg", "scheme")

@@ -141,12 +141,12 @@ class Statistics:
         return summarise(array, rng, self._config.bootstrap_samples, self._config.confidence)
 
     def improvement(self, a: Iterable[float], b: Iterable[float]) -> tuple[float, float | None, float | None] | None:
-        """`probability_of_improvement` and its interval; None where a side has no value, no interval with one each."""
+        """`probability_of_improvement` and its interval; None where a side is empty, no interval where it has one."""
         x, y = np.array(list(a)), np.array(list(b))
         if len(x) == 0 or len(y) == 0:
             return None
         value = probability_of_improvement(x, y)
-        if len(x) == len(y) == 1:
+        if min(len(x), len(y)) == 1:
             return value, None, None
         rng = np.random.default_rng(self._config.seed)
         return value, *improvement_interval(x, y, rng, self._config.bootstrap_samples, self._config.confidence)

@@ -48,7 +48,7 @@ def export_episode(
 
     Raises:
         ConfigError: see `check_target`, or the view is of no camera that could be.
-        ArtifactError: the episode, its run or its estimator is missing or damaged.
+        ArtifactError: the episode, its run or its estimator is missing or damaged, or the replay is another trajectory.
         MachineError: there is no OpenGL to render with, or no space.
     """
     if save:
@@ -56,6 +56,7 @@ def export_episode(
     logged = load_episode(run_dir, split, episode)
     camera = run_camera(logged, view, eye.camera if eye else {})
     rollout = roll_out(logged, camera, eye.image_size if eye else None)
+    rollout.result.require_identical()
     outcome = None
     if eye:
         estimate = eye.predict(np.stack(rollout.seen[1:]))

@@ -13,7 +13,7 @@ from stages.policy import rewards
 from stages.replay.logs import LoggedEpisode, load_episode
 from stages.replay.simulate import Trajectory, simulate
 
-_PHYSICS = ("mujoco", "robosuite", "numpy", "scipy")  # packages whose version can change a trajectory
+_PHYSICS = ("mujoco", "robosuite", "numpy", "numba")  # packages whose version can change a trajectory
 _ROUNDING = 1e-6  # of what is computed from the state, in whatever order of operations
 _SIGNALS = ("touched", "grasped", "lifted")
 
@@ -36,6 +36,7 @@ class ReplayResult:
     steps: int
     differences: dict[str, Difference]
     version_changes: list[str]  # packages that changed since the run, "name logged → present"
+    code: str  # of this pipeline, that made the run
     steps_per_second: float
 
     @property
@@ -61,7 +62,9 @@ class ReplayResult:
             ArtifactError: it is not; names the first step and quantity that differ, and what may be the cause.
         """
         if not self.identical:
-            raise ArtifactError(self.message())
+            error = ArtifactError(self.message())
+            error.details = self.as_dict()
+            raise error
 
     def message(self) -> str:
         """One sentence for a person."""
@@ -70,8 +73,8 @@ class ReplayResult:
             return f"{where}: {self.steps} steps replayed, identical (maximum difference {self.max_abs_difference:.1g})"
         first = min(self.differences.items(), key=lambda item: _order(item[1]))
         return (
-            f"{where} does not replay: from step {self.first_step} on {first[0]} differs "
-            f"(at most {first[1].max_abs:.3g}); {self._cause()}"
+            f"{where} does not replay: {first[0]} differs, first at step {self.first_step} "
+            f"(at most by {first[1].max_abs:.3g}); {self._cause()}"
         )
 
     def _cause(self) -> str:
@@ -79,7 +82,10 @@ class ReplayResult:
             return (
                 f"the run was made with other versions ({', '.join(self.version_changes)}): install those to replay it"
             )
-        return "package versions are those of the run, so the logs were changed or made on a different kind of machine"
+        return (
+            f"package versions are those of the run, so the logs were changed, or made by other code ({self.code}) or "
+            "on a different kind of machine"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """For `--json`."""
@@ -117,6 +123,7 @@ def compare(logged: LoggedEpisode, trajectory: Trajectory) -> ReplayResult:
         steps=logged.steps,
         differences=_differences(logged, trajectory),
         version_changes=version_changes(logged.manifest),
+        code=_code(logged.manifest),
         steps_per_second=logged.steps / max(trajectory.seconds, 1e-9),
     )
 
@@ -126,6 +133,12 @@ def version_changes(manifest: Manifest) -> list[str]:
     recorded = manifest.environment.packages
     present = {name: _installed(name) for name in _PHYSICS if name in recorded}
     return [f"{name} {recorded[name]} → {now}" for name, now in present.items() if now != recorded[name]]
+
+
+def _code(manifest: Manifest) -> str:
+    code = manifest.code
+    commit = f", commit {code.git_commit[:7]}" if code.git_commit else ""
+    return f"version {code.version}{commit}{', changed' * bool(code.dirty)}"
 
 
 def _installed(package: str) -> str:

@@ -19,19 +19,25 @@ if TYPE_CHECKING:
     from stages.replay.recorded import Recorded
 
 
-def record_episode(run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN) -> ReplayResult:
+def record_episode(
+    run_dir: Path, split: str, episode: int, save: Path, *, view: View = AS_THE_RUN, proven: bool = False
+) -> ReplayResult:
     """Write a recording of a run's episode to `save`.
 
-    Frames are those that were recorded with the run, or rendered anew, by default by the run's camera.
+    Frames are those that were recorded with the run, or rendered anew, by default by the run's camera. What moves
+    is the replay: where that is not `identical` the picture and the logged numbers are of different trajectories, so
+    a `proven` recording is not written then.
 
     Raises:
-        ArtifactError: the episode, its run or its estimator is missing or damaged.
+        ArtifactError: the episode, its run or its estimator is missing or damaged; it is to be proven and differs.
         MachineError: there is no OpenGL to render with, or no space.
     """
     logged = load_episode(run_dir, split, episode)
     recorded = _recorded(logged) if view == AS_THE_RUN else None
     camera = recorded.camera if recorded else run_camera(logged, view)
     rollout = roll_out(logged, camera, rendered=recorded is None)
+    if proven:
+        rollout.result.require_identical()
     write_track(run_track(logged, rollout, recorded.frames if recorded else None), save)
     return rollout.result
 

@@ -3,12 +3,14 @@
 import numpy as np
 
 from schemas import entities
-from schemas.images import encode
+from schemas.images import encode_within
 from stages.policy import rewards
 from stages.replay.logs import LoggedEpisode
 from stages.replay.rollout import Rollout
 from stages.replay.track import Actions, Clock, EpisodeTrack, Pose
 from stages.sim.renderer import link_meshes
+
+_IMAGE_BYTES = 7_000_000  # of all frames: a recording stays below 10 MB at any size of image
 
 _SCALARS = {
     **{entities.reward(term): f"reward_{term}" for term in entities.REWARD_TERMS},
@@ -33,7 +35,7 @@ def run_track(logged: LoggedEpisode, rollout: Rollout, recorded: list[bytes] | N
         meshes=meshes,
         camera=rollout.camera.pose,
         intrinsics=rollout.camera.intrinsics,
-        images=recorded or [encode(frame, image_format) for frame in rollout.frames[1:]],
+        images=recorded or encode_within(rollout.frames[1:], image_format, _IMAGE_BYTES),
         media_type="image/png" if recorded else f"image/{image_format}",
         joints=states["qpos"],
         actions=Actions(clock, logged.rows["action"]),

@@ -40,13 +40,15 @@ def scene_of(logged: LoggedEpisode) -> Scene:
     return build_scene(config)
 
 
-def simulate(logged: LoggedEpisode, watch: Watch | None = None) -> Trajectory:
+def simulate(logged: LoggedEpisode, watch: Watch | None = None, *, many: bool = False) -> Trajectory:
     """Step the episode's world from its initial state with its logged actions.
+
+    Of `many` episodes each is faster, but the first takes half a second longer: see `World`.
 
     Raises:
         ArtifactError: the initial state is of another scene.
     """
-    world = World(scene_of(logged), logged.task, compiled=False)
+    world = World(scene_of(logged), logged.task, compiled=many)
     initial = world.reset(logged.initial_state)
     watch = watch or (lambda _: None)
     watch(world)

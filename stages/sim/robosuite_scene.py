@@ -61,15 +61,22 @@ class CubeLift(Lift):
 
 def make_environment(config: WorldConfig, **options: Any) -> Lift:
     """Stock robosuite environment of this scene; `options` go to robosuite."""
-    settings = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False, "hard_reset": False}
-    return CubeLift(
-        robots=_ROBOT_MODELS.get(config.robot, config.robot),
-        controller_configs=_controller_config(config),
-        control_freq=CONTROL_FREQUENCY,
-        horizon=config.horizon,
-        ignore_done=True,
-        **(settings | options),
-    )
+    ours = {"robots": _ROBOT_MODELS.get(config.robot, config.robot), "hard_reset": False}
+    return CubeLift(**(stock_settings(config) | ours | options))
+
+
+def stock_settings(config: WorldConfig) -> dict[str, Any]:
+    """Keywords of robosuite's own Lift with this arm, control and horizon; only its cube is another."""
+    return {
+        "robots": config.robot,
+        "controller_configs": _controller_config(config),
+        "control_freq": CONTROL_FREQUENCY,
+        "horizon": config.horizon,
+        "ignore_done": True,
+        "has_renderer": False,
+        "has_offscreen_renderer": False,
+        "use_camera_obs": False,
+    }
 
 
 def compile_scene(config: WorldConfig) -> tuple[Any, Facts]:

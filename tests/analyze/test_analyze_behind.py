@@ -3,6 +3,7 @@
 from typing import Any
 
 from stages.analyze.behind import Links, Recording, choose
+from stages.analyze.config import AnalyzeConfig
 
 
 def episode(run: str, reward: float, scheme: str = "dense", main: bool = True, **marks: bool) -> dict[str, Any]:
@@ -43,6 +44,25 @@ def test_the_most_asked_for_come_first_and_each_once() -> None:
 def test_of_a_study_each_variant_is_shown_but_not_its_runs() -> None:
     variant = [episode(f"study/{seed}", 10.0 * seed, main=False) for seed in range(3)]
     assert [each.run for each in choose([*variant, SEEDS[0]], [], 9)] == ["a/one", "study/1"]
+
+
+def test_the_default_reaches_every_group_and_region_of_the_papers_reach() -> None:
+    """36 runs: 2 extremes, 12 groups, and 6 of those that learn from estimates."""
+    schemes, angles = ("oracle", "dense2sparse", "dense", "sparse"), (0.0, 5.0, 10.0)
+    cells = [(scheme, angle, seed) for scheme in schemes for angle in angles for seed in range(3)]
+    runs = [episode(f"a/{s}-{a}-{n}", 100.0 + n, s) | {"misalignment_deg": a, "seed": n} for s, a, n in cells]
+    runs[0]["best"] = runs[-1]["worst"] = True
+    regions = [
+        REGION | {"scheme": s, "misalignment_deg": a, "worst_run": None if s == "oracle" else f"a/{s}-{a}-0"}
+        for s, a, n in cells
+        if n == 0
+    ]
+    chosen = choose(runs, regions, AnalyzeConfig().recordings)
+    labels = [each.label for each in chosen]
+    assert [labels.count(label) for label in ("best", "worst", "typical", "worst-estimate")] == [1, 1, 12, 6]
+    links = Links([Recording(each.file, each.note, of=each) for each in chosen])
+    assert all(links.of_group(run) for run in runs)
+    assert all(links.of_region(row) for row in regions if row["scheme"] in ("dense", "dense2sparse"))
 
 
 def test_where_points_lead() -> None:

@@ -50,6 +50,7 @@ def test_interval_holds_the_value_and_one_seed_has_none() -> None:
     assert value == pytest.approx(7 / 9)
     assert low is not None and high is not None and low < value <= high
     assert statistics.improvement([2.0], [1.0]) == (1.0, None, None)
+    assert statistics.improvement([2.0, 3.0], [1.0]) == (1.0, None, None), "one value has no spread to resample"
     assert statistics.improvement([], [1.0]) is None
 
 

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from rerun.chunk import RrdReader
 
+from schemas.errors import MachineError
+from stages.analyze.curves_recording import write_comparison
 from stages.analyze.query import run_sql
 from tests.analyze.fake_artifacts import write_dataset, write_estimator, write_manifest
 from tests.analyze.fake_runs import write_run
@@ -204,6 +206,16 @@ def test_best_and_worst_episodes_are_recorded_and_the_typical_ones_of_runs(
     files = ["comparison.rrd", "estimator-resnet.rrd", *(entry[3] for entry in summary["recorded"])]
     assert summary["recordings"] == files
     assert all((report / name).is_file() for name in files)
+
+
+def test_runs_of_several_names_share_a_view(tmp_path: Path) -> None:
+    row = {"task": "reach", "scheme": "dense", "misalignment_kind": "orbit", "misalignment_deg": 0.0, "std": None}
+    curves = [row | {"name": name, "after_episode": 20, "mean": 1.0} for name in ("a", "b")]
+    write_comparison(curves, tmp_path / "c.rrd")
+    paths = {chunk.entity_path for chunk in RrdReader(str(tmp_path / "c.rrd")).stream()}
+    assert {"/learning_curves/reach_0/a_dense/mean", "/learning_curves/reach_0/b_dense/mean"} < paths
+    with pytest.raises(MachineError, match="cannot write"):
+        write_comparison(curves, tmp_path / "nowhere" / "c.rrd")
 
 
 def test_comparison_recording_holds_curves_and_blueprint(study: tuple[Path, Path, dict[str, Any]]) -> None:

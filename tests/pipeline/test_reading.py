@@ -2,6 +2,7 @@
 
 import csv
 import json
+import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -23,7 +24,7 @@ from stages.collect.config import CollectStageConfig
 from stages.replay.frames import View
 from stages.sim.camera import CameraPose, nominal_pose
 from stages.sim.config import CameraConfig
-from tests.pipeline.fakes import Run
+from tests.pipeline.fakes import Run, refused
 
 CELL = "runs/small/reach-dense-orbit05-seed0"
 FRAME = {"dataset": "small", "episode": 3, "step": 7, "time_ns": 350, "file": "episodes/episode-000003.mcap"}
@@ -60,7 +61,12 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
         given[-1].write_bytes(b"rrd")
         return 12
 
-    monkeypatch.setattr("stages.replay.recording.record_episode", record)
+    def record_episode(*given: Any) -> Any:
+        record(*given)
+        differs = given[2] == 4
+        return SimpleNamespace(identical=not differs, message=lambda: "eef differs")
+
+    monkeypatch.setattr("stages.replay.recording.record_episode", record_episode)
     monkeypatch.setattr("stages.replay.dataset_recording.record_dataset_episode", record)
     monkeypatch.setattr("stages.replay.estimator_recording.record_estimator", record)
     return calls
@@ -69,7 +75,10 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
 def test_view_saves_what_shows_each_kind(run: Run, family: Store, recorded: list[Any], tmp_path: Path) -> None:
     save = tmp_path / "x.rrd"
     shown = run("view", CELL, "--split", "eval", "--episode", "3", "--save", save, "--json")
-    assert json.loads(shown.stdout) == {"artifact": CELL, "split": "eval", "episode": 3, "recording": str(save)}
+    assert json.loads(shown.stdout) == {
+        **{"artifact": CELL, "split": "eval", "episode": 3, "recording": str(save)},
+        **{"identical": True, "warning": None},
+    }
     assert run("view", "datasets/small", "--episode", "1", "--save", save).exit_code == 0
     assert run("view", "estimators/small", "--save", save).exit_code == 0
     dataset = family.path("datasets/small")
@@ -78,6 +87,12 @@ def test_view_saves_what_shows_each_kind(run: Run, family: Store, recorded: list
         (dataset, 1, save),
         (family.path("estimators/small"), dataset, save),
     ]
+
+
+def test_view_warns_of_a_replay_that_differs(run: Run, family: Store, recorded: list[Any], tmp_path: Path) -> None:
+    shown = run("view", CELL, "--episode", "4", "--save", tmp_path / "x.rrd", "--json")
+    assert (shown.exit_code, json.loads(shown.stdout)["identical"]) == (0, False)
+    assert shown.stderr == "Warning: the picture is of another trajectory than the logs: eef differs\n"
 
 
 def test_view_of_a_report_is_its_learning_curves(run: Run, store: Store, tmp_path: Path) -> None:
@@ -205,6 +220,28 @@ def test_sql_formats(run: Run, family: Store, tmp_path: Path) -> None:
     assert list(csv.reader((tmp_path / "a.csv").open())) == [["episode", "step"], ["3", "7"], ["3", "8"]]
 
 
+def test_sql_files_and_their_formats(run: Run, family: Store, tmp_path: Path) -> None:
+    refused(run("sql", "SELECT 1", "-o", tmp_path / "x.txt"), 2, "a file ends in .csv, .json or .parquet")
+    cut = run("sql", "FROM range(150)", "-o", tmp_path / "x.txt", "--format", "table")
+    assert (cut.exit_code, cut.stdout) == (0, "")
+    assert "has the first 100 of 150 rows: --format csv, json or parquet has all" in cut.stderr
+    refused(run("sql", "SELECT 1", "-o", "/proc/x.csv"), 4, "cannot write /proc/x.csv")
+
+
+def test_sql_as_one_object_streams_or_fails_whole(run: Run, family: Store) -> None:
+    assert len(json.loads(run("sql", "FROM range(25000)", "--json").stdout)["rows"]) == 25_000
+    wrong = json.loads(run("sql", "SELECT nope", "--json").stdout)
+    assert wrong["error"]["exit_code"] == 2 and "nope" in wrong["error"]["message"]
+
+
+def test_a_reader_that_has_enough_is_no_failure(family: Store) -> None:
+    command = f"{sys.executable} -m pipeline sql 'FROM range(1000000)' --format csv --data {family.root}"
+    read = subprocess.run(
+        ["bash", "-c", f"{command} | head -2; exit ${{PIPESTATUS[0]}}"], capture_output=True, text=True, check=True
+    )
+    assert (read.stdout, read.stderr) == ("range\n0\n", "")
+
+
 def test_sql_from_stdin(run: Run, family: Store) -> None:
     for arguments in ((), ("-",)):
         assert run("sql", *arguments, "--format", "csv", input="SELECT 1 AS n").stdout == "n\n1\n"
@@ -217,8 +254,10 @@ def test_sql_schema(run: Run, tmp_path: Path) -> None:
     assert "reward_dense_est" in shown and "return_by_scheme()" in shown
     one = json.loads(run("sql", "--schema", "updates", "--json").stdout)
     assert list(one["views"]) == ["updates"] and one["macros"] == []
+    macro = run("sql", "--schema", "iqm").stdout
+    assert "interquartile" in macro and "episodes" not in macro
     wrong = run("sql", "--schema", "update")
-    assert (wrong.exit_code, "unknown view 'update'; valid: datasets" in wrong.stderr) == (2, True)
+    assert (wrong.exit_code, "unknown view or macro 'update'; valid:" in wrong.stderr) == (2, True)
 
 
 def test_sql_from_a_file(run: Run, family: Store, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A replayed episode as MCAP and MP4, read back by those formats' own readers."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import av
@@ -10,11 +11,12 @@ from rerun.chunk import McapReader
 
 from schemas import mcap_topics
 from schemas.entities import CUBE_EST
-from schemas.errors import ConfigError
+from schemas.errors import ArtifactError, ConfigError
 from schemas.mcap_files import read_messages, read_metadata
 from stages.replay.export import export_episode
 from stages.replay.logs import load_episode
 from stages.replay.video import write_mp4
+from tests.replay.tiny_run import tamper
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +24,16 @@ def mcap(run_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("exports") / "e.mcap"
     assert export_episode(run_dir, "final", 1, path).result.identical
     return path
+
+
+@pytest.mark.parametrize("suffix", [".rrd", ".mcap", ".mp4"])
+def test_a_replay_that_differs_leaves_no_file(fresh_run: Callable[..., Path], tmp_path: Path, suffix: str) -> None:
+    run = fresh_run(episodes=1, steps=4)
+    tamper(run, "eef_x", 2, lambda x: x + 1)
+    with pytest.raises(ArtifactError, match="eef differs, first at step 2") as error:
+        export_episode(run, "final", 0, tmp_path / f"x{suffix}")
+    assert error.value.details["first_different_step"] == 2
+    assert not list(tmp_path.glob("x*"))
 
 
 def test_mcap_has_every_state_and_the_logged_actions(run_dir: Path, mcap: Path):

@@ -57,7 +57,7 @@ def test_a_changed_action_differs_from_its_step_on(fresh_run: MakeRun):
     assert result.differences["eef"].first_step == 5
     assert result.differences["eef"].max_abs > 1e-5
     assert result.differences["final_state"].first_step == 11
-    with pytest.raises(ArtifactError, match="from step 5 on eef differs"):
+    with pytest.raises(ArtifactError, match="eef differs, first at step 5"):
         result.require_identical()
 
 

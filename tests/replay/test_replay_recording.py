@@ -11,10 +11,12 @@ from rerun.chunk import Chunk, McapReader, RrdReader
 from rerun_blueprints.episode import episode_blueprint
 from schemas import entities
 from schemas.errors import ArtifactError, ConfigError, PipelineError
+from schemas.images import encode, encode_within
 from stages.replay.dataset_recording import record_dataset_episode
 from stages.replay.dataset_track import dataset_track
 from stages.replay.frames import View, run_camera
 from stages.replay.logs import load_episode
+from stages.replay.mcap_recording import record_mcap
 from stages.replay.recording import record_episode
 from stages.replay.rollout import roll_out
 from stages.replay.run_track import run_track
@@ -235,3 +237,27 @@ def test_entities_are_the_topics_and_frames_of_the_mcap_files(dataset_dir: Path)
     assert frames[entities.CALIBRATION] == entities.IMAGE_PLANE
     assert frames[entities.CUBE_TRUE] == entities.WORLD
     assert frames[entities.CUBE_EST] == entities.WORLD
+
+
+def test_an_mcap_file_as_it_is_under_the_same_blueprint(dataset_dir: Path, tmp_path: Path) -> None:
+    [file] = sorted((dataset_dir / "episodes").iterdir())[:1]
+    assert record_mcap(file, tmp_path / "m.rrd") >= 7
+    reader = RrdReader(str(tmp_path / "m.rrd"))
+    chunks = [chunk for chunk in reader.stream() if chunk.entity_path == entities.IMAGE]
+    assert max(chunk.num_rows for chunk in chunks) == 21
+    assert "message_log_time" in {name for chunk in chunks for name in chunk.timeline_names}
+    assert [entry.application_id for entry in reader.blueprints()] == ["dense2sparse"]
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(file.read_bytes()[:2000])
+    with pytest.raises(ArtifactError, match="cannot be read as MCAP"):
+        record_mcap(torn, tmp_path / "n.rrd")
+    assert not (tmp_path / "n.rrd").exists()
+
+
+def test_a_recording_stays_small_at_any_size_of_image() -> None:
+    rng = np.random.default_rng(0)
+    smooth = np.linspace(0, 255, 1024)[:, None, None] * np.ones((1, 1024, 3))
+    frames = [(0.9 * smooth + rng.normal(0, 4, smooth.shape)).clip(0, 255).astype(np.uint8) for _ in range(3)]
+    large, small = encode_within(frames, "jpeg", 3_000_000), encode_within(frames, "jpeg", 300_000)
+    assert sum(map(len, small)) <= 300_000 < sum(map(len, large)) <= 3_000_000
+    assert encode_within(frames[:1], "png", 1) == [encode(frames[0], "png")]

@@ -7,10 +7,7 @@ import altair as alt
 
 from stages.analyze.behind import Links
 from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, leading, values
-from stages.analyze.results import SCHEMES, Row
-
-_SHOWN = ("dense2sparse", "dense")
-"""Schemes that act on estimates and are trained by rewards from them."""
+from stages.analyze.results import LEARN_FROM_ESTIMATES, SCHEMES, Row
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ _QUANTITIES = (
 
 def regions(links: Links, task: str, rows: list[Row], sql: str) -> Figure | None:
     """Maps of the table, one row a misalignment and scheme; None where no scheme that learns from estimates ran."""
-    shown = [row | {"recording": links.of_region(row)} for row in rows if row["scheme"] in _SHOWN]
+    shown = [row | {"recording": links.of_region(row)} for row in rows if row["scheme"] in LEARN_FROM_ESTIMATES]
     quantities = [each for each in _QUANTITIES if any(row[each.column] is not None for row in shown)]
     if not shown or not quantities:
         return None

@@ -52,12 +52,12 @@ def export(source: Source, form: Format, target: Path, progress: Progress) -> di
     """Write every episode of `source` to `target`: a file for robomimic, a directory for the others; what was written.
 
     Raises:
-        ConfigError: see `check_target`.
+        ConfigError: see `check_absent`.
         ArtifactError: an episode is missing or damaged.
         MachineError: there is no OpenGL to render with, or no space.
     """
-    check_target(target)
-    steps = 0
+    check_absent(target)
+    steps = count = 0
     with (
         _published(target) as temporary,
         progress.task(f"export {source.id}", source.total) as task,
@@ -65,13 +65,14 @@ def export(source: Source, form: Format, target: Path, progress: Progress) -> di
         closing(_writer(source, form, temporary)) as writer,
     ):
         for episode in episodes:
-            steps += writer.add(episode)
+            added = writer.add(episode)
+            steps, count = steps + added, count + (added > 0)
             task.advance()
         writer.finish()
-    return {"artifact": source.id, "format": form, "path": str(target), "episodes": source.total, "steps": steps}
+    return {"artifact": source.id, "format": form, "path": str(target), "episodes": count, "steps": steps}
 
 
-def check_target(target: Path) -> None:
+def check_absent(target: Path) -> None:
     """Pass if something can be written as `target`.
 
     Raises:

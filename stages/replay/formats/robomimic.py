@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 
 from stages.replay.formats.episodes import Episode, Source
-from stages.sim.scene import CONTROL_FREQUENCY
+from stages.sim.config import WorldConfig
+from stages.sim.scene import build_scene
 
 _ROBOSUITE = 1  # robomimic's EnvType
 _FILTER_KEYS = {"validation": "valid"}  # robomimic's name of a split, where it has another
@@ -23,7 +24,7 @@ class RobomimicWriter:
     """
 
     def __init__(self, source: Source, path: Path) -> None:
-        self._source = source
+        self._source, self._world = source, WorldConfig.model_validate(source.world)
         self._file = h5py.File(path, "w")
         self._data = self._file.create_group("data")
         self._samples = 0
@@ -34,6 +35,8 @@ class RobomimicWriter:
         name = f"demo_{sum(map(len, self._splits.values()))}"
         self._splits.setdefault(_FILTER_KEYS.get(episode.split, episode.split), []).append(name)
         demo, n = self._data.create_group(name), episode.length
+        if episode.states is not None:
+            demo.attrs["model_file"] = build_scene(self._world).xml  # robomimic sets `states` in this scene
         demo.attrs.update({"num_samples": n, "split": episode.split, "episode": episode.number, "task": episode.task})
         for key, values in _datasets(episode).items():
             demo.create_dataset(key, data=values)
@@ -47,7 +50,7 @@ class RobomimicWriter:
     def finish(self) -> None:
         """Write what is known of all trajectories."""
         self._data.attrs["total"] = self._samples
-        self._data.attrs["env_args"] = json.dumps(_environment(self._source))
+        self._data.attrs["env_args"] = json.dumps(_environment(self._world))
         self._data.attrs["source"] = self._source.id
         for split, names in self._splits.items():
             self._file.create_dataset(f"mask/{split}", data=np.array(names, dtype="S"))
@@ -79,14 +82,8 @@ def _observation(demo: h5py.Group, name: str, values: np.ndarray) -> None:
         demo.create_dataset(name, data=values)
 
 
-def _environment(source: Source) -> dict[str, Any]:
-    """env_args: robosuite's own environment that the episodes were made in."""
-    settings = {
-        "robots": [source.robot],
-        "control_freq": CONTROL_FREQUENCY,
-        "horizon": source.world["horizon"],
-        "has_renderer": False,
-        "has_offscreen_renderer": False,
-        "use_camera_obs": False,
-    }
-    return {"env_name": "Lift", "env_type": _ROBOSUITE, "env_kwargs": settings}
+def _environment(world: WorldConfig) -> dict[str, Any]:
+    """env_args: robosuite's own environment that the episodes were made in, but for the size of its cube."""
+    from stages.sim.robosuite_scene import stock_settings  # imports robosuite: half a second
+
+    return {"env_name": "Lift", "env_type": _ROBOSUITE, "env_kwargs": stock_settings(world)}
