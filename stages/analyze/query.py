@@ -107,9 +107,12 @@ def _located(connection: duckdb.DuckDBPyConnection, text: str, lines_before: int
             connection.execute(text)
         except duckdb.Error as located:
             message = str(located)
-    return re.sub(
-        r"(?m)^LINE (\d+):(.*\n)", lambda found: _line(found[1], int(found[1]) + lines_before, found[2]), message
-    )
+    return re.sub(r"(?m)^LINE (\d+):(.*\n)", lambda line: _line(line[1], int(line[1]) + lines_before, line[2]), message)
+
+
+def _line(said: str, number: int, rest: str) -> str:
+    """The line with its number in the whole text; the mark below stays under its place."""
+    return f"LINE {number}:{rest}{' ' * (len(str(number)) - len(said))}"
 
 
 def _line(said: str, number: int, rest: str) -> str:

@@ -109,10 +109,11 @@ def test_table_functions_that_may_do_more_than_read_are_refused_with_the_valid_o
     [
         ("SELEC 1", "syntax error", "^^^^^"),
         ("SELECT\n  sead\nFROM runs", 'column "sead" not found', "LINE 2"),
+        ("-- of\n\n-- runs\nSELECT\n  sead\nFROM runs", '"sead" not found', "LINE 5:   sead\n          ^^^^"),
         (
-            "-- of\n\n-- runs\nSELECT\n  sead\nFROM runs",
-            'column "sead" not found',
-            "LINE 5:   sead\n                ^^^^",
+            9 * "--\n" + "SELECT sead FROM runs",
+            '"sead" not found',
+            "LINE 10: SELECT sead FROM runs\n                ^^^^",
         ),
         ("/* a\nb */ SELECT sead FROM runs", 'column "sead" not found', "LINE 2: SELECT sead"),
         ("SELECT * FROM rums", "rums does not exist", "LINE 1: SELECT * FROM rums\n                      ^"),

@@ -255,7 +255,7 @@ def test_sql_schema(run: Run, tmp_path: Path) -> None:
     one = json.loads(run("sql", "--schema", "updates", "--json").stdout)
     assert list(one["views"]) == ["updates"] and one["macros"] == []
     macro = run("sql", "--schema", "iqm").stdout
-    assert "interquartile" in macro and "episodes" not in macro
+    assert "Interquartile" in macro and "episodes" not in macro
     wrong = run("sql", "--schema", "update")
     assert (wrong.exit_code, "unknown view or macro 'update'; valid:" in wrong.stderr) == (2, True)
 
