@@ -115,11 +115,6 @@ def _line(said: str, number: int, rest: str) -> str:
     return f"LINE {number}:{rest}{' ' * (len(str(number)) - len(said))}"
 
 
-def _line(said: str, number: int, rest: str) -> str:
-    """The line with its number in the whole text; the mark below stays under its place."""
-    return f"LINE {number}:{rest}{' ' * (len(str(number)) - len(said))}"
-
-
 def _sql_error(message: str) -> ConfigError | ArtifactError:
     message = message.removeprefix("Invalid Input Error: Python exception occurred while executing the UDF: ")
     damaged = "No magic bytes" in message or "too small to be a Parquet file" in message
