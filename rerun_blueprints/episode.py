@@ -15,7 +15,12 @@ _EYE = rrb.EyeControls3D(
 
 
 def episode_blueprint(
-    *, estimated: bool = True, rewarded: bool = True, best_reward: float = 1.0, timeline: str = entities.SIM_TIME
+    *,
+    estimated: bool = True,
+    rewarded: bool = True,
+    best_reward: float = 1.0,
+    plots: bool = True,
+    timeline: str = entities.SIM_TIME,
 ) -> rrb.Blueprint:
     """Layout of one episode.
 
@@ -23,12 +28,13 @@ def episode_blueprint(
         estimated: there is an estimate of the cube's position to compare with.
         rewarded: there are rewards and distances (a run); else joints and actions are shown (a dataset).
         best_reward: of one step, 1 in reach and 2.25 in lift.
+        plots: there are scalars over time; a plain `.mcap` file has them as messages of its own kinds.
         timeline: the timeline to start on; `message_log_time` for a plain `.mcap` file.
     """
-    below = _states() if rewarded else _actions()
-    plots = [_rewards(best_reward), _distances(estimated)] if rewarded else [_joints()]
-    space = rrb.Vertical(_scene(), below, row_shares=[2.7, 1])
-    side = rrb.Vertical(_camera(estimated), *plots, row_shares=[2.2] + [1.0] * len(plots))
+    below = [_states() if rewarded else _actions()] * plots
+    beside = ([_rewards(best_reward), _distances(estimated)] if rewarded else [_joints()]) * plots
+    space = rrb.Vertical(_scene(), *below, row_shares=[2.7] + [1.0] * len(below))
+    side = rrb.Vertical(_camera(estimated), *beside, row_shares=[2.2] + [1.0] * len(beside))
     return rrb.Blueprint(
         rrb.Horizontal(space, side, column_shares=[1.55, 1]),
         rrb.TimePanel(state="collapsed", timeline=timeline, playback_speed=1.0, loop_mode="all"),

@@ -21,7 +21,7 @@ def record_mcap(path: Path, save: Path) -> int:
         ArtifactError: it is no MCAP file, or damaged.
         MachineError: there is no space.
     """
-    blueprint = episode_blueprint(estimated=False, rewarded=False, timeline=_TIMELINE)
+    blueprint = episode_blueprint(estimated=False, rewarded=False, plots=False, timeline=_TIMELINE)
     topics: set[str] = set()
     with recording_file(path.name, save, blueprint) as recording:
         try:
