@@ -62,5 +62,5 @@ def replayed(logged: LoggedEpisode, watch: Watch | None = None) -> np.ndarray:
         if watch:
             watch(world)
 
-    compare(logged, simulate(logged, look, many=True)).require_identical()
+    compare(logged, simulate(logged, look)).require_identical()
     return np.stack(states)

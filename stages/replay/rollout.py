@@ -58,7 +58,7 @@ def roll_out(
             for size, renderer in renderers.items():
                 frames[size].append(renderer.render(qpos[-1], camera.pose))
 
-        trajectory = simulate(logged, watch)
+        trajectory = simulate(logged, watch, compiled=False)
     result = compare(logged, trajectory)
     states, pictures = np.array(integration_states), (frames.get(shown, []), frames.get(seen, []))
     return Rollout(scene, camera, trajectory, result, np.array(qpos), states, _by_link(poses), *pictures)

@@ -5,8 +5,8 @@ bit for bit: PID on joint velocity with anti-windup, gravity compensation, torqu
 torque does not depend on: Jacobians, the mass matrix, end-effector references.
 
 It runs 25 times a step, and on seven numbers NumPy is all overhead: compiled by Numba, which robosuite brings along, a
-substep's control takes a tenth of the time. Loading Numba takes as long as 4,000 steps save by it, so one episode alone
-is faster without. Both give the same bits.
+substep's control takes a tenth of the time. Loading Numba takes most of a second, which 200 steps do not save, so an
+episode that is to be looked at is faster without. Both give the same bits.
 """
 
 from collections.abc import Callable

@@ -23,7 +23,7 @@ class World:
     """
 
     def __init__(self, scene: Scene, task: str, *, compiled: bool = True) -> None:
-        """`compiled` or not, trajectories are the same bit for bit; for a few hundred steps it is faster not."""
+        """`compiled` or not, trajectories are the same bit for bit; for one episode it is faster not."""
         self.scene, self.task = scene, task
         self.action_dim = 8 if task == "lift" else 7
         self._data = mujoco.MjData(scene.model)
