@@ -72,7 +72,7 @@ def run(quick: bool) -> Outcome:
         notes=[
             "Each a command in a fresh process, starting Python included; the limit is a command that does next to "
             "nothing (`pipeline list`). Peak memory is the largest of all commands of the benchmark.",
-            "The analysis is without recordings, for the study's episodes are made of random numbers: nothing to replay.",
+            "The analysis is without recordings: the study's episodes are random numbers, with nothing to replay.",
             "pandas, which stable-baselines3 brings and the pipeline does without, is "
             + (
                 "installed: pyarrow imports it, which adds 0.3 s to a view."
