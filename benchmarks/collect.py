@@ -16,6 +16,7 @@ from benchmarks.outcome import Outcome, Part, Target
 from benchmarks.stock_episodes import CollectedEpisode, StockCollector, read_collected
 from pipeline.config import load_config
 from schemas.mcap_files import make_durable
+from schemas.progress import Silent
 from stages.collect.collector import Collector
 from stages.collect.config import CollectStageConfig
 from stages.collect.plan import frames_per_episode, plan_episodes
@@ -104,7 +105,7 @@ def _rate(config: CollectStageConfig, starts: list[float]) -> Rate:
     return measured
 
 
-class _Clock:
+class _Clock(Silent):
     """Progress that notes when each episode was finished."""
 
     def __init__(self) -> None:

@@ -13,6 +13,7 @@ from typing import get_args
 import psutil
 import torch
 
+from schemas.progress import Silent
 from stages.perception.estimator import EstimatorCard, save_estimator
 from stages.perception.normalisation import Normalisation
 from stages.perception.quantised import measure_ranges
@@ -26,7 +27,7 @@ IMAGE_SIZE = 64
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 
 
-class Rounds:
+class Rounds(Silent):
     """A progress bar that calls `after` with the environment steps/s of every round: an episode of every process.
 
     The first round, without updates, has the number 0. What the callback takes is not counted, and the training

@@ -1,10 +1,8 @@
 """The command line: `pipeline COMMAND`. Commands are imported when called (`pipeline.commands`)."""
 
-import signal
-
 import click
 
-from pipeline import __version__
+from pipeline import __version__, interrupts
 from pipeline.lazy import LazyCommand, LazyGroup
 
 COMMANDS = {
@@ -62,6 +60,6 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Entry point of the console script. A polite kill ends like Ctrl-C: workers stopped, what is finished kept."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Entry point of the console script."""
+    interrupts.install()
     cli.main()

@@ -18,6 +18,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from pipeline import interrupts
 from schemas import progress as contract
 
 
@@ -77,9 +78,19 @@ class RichProgress:
                 self._display.stop()
             self._display.remove_task(task)
 
+    def stopping(self) -> bool:
+        return interrupts.requested()
+
+
+class _Quiet(contract.Silent):
+    """No bars."""
+
+    def stopping(self) -> bool:
+        return interrupts.requested()
+
 
 def make_progress(quiet: bool) -> contract.Progress:
     """Bars on stderr; none when `quiet` or when stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
-        return cast(contract.Progress, contract.Silent())
+        return cast(contract.Progress, _Quiet())
     return cast(contract.Progress, RichProgress(Console(stderr=True)))

@@ -17,6 +17,9 @@ class Progress(Protocol):
 
     def task(self, label: str, total: int, done: int = 0) -> AbstractContextManager[Task]: ...
 
+    def stopping(self) -> bool:
+        """Whether to stop: a stage then keeps the episode (epoch) it has just finished and raises KeyboardInterrupt."""
+
 
 class _SilentTask:
     def advance(self, units: int = 1) -> None:
@@ -32,3 +35,6 @@ class Silent:
     def task(self, label: str, total: int, done: int = 0) -> AbstractContextManager[Task]:
         del label, total, done
         return nullcontext(_SilentTask())
+
+    def stopping(self) -> bool:
+        return False

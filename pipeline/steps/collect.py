@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipeline import interrupts
 from pipeline.artifacts.inputs import load
 from pipeline.artifacts.space import require_space
 from pipeline.artifacts.store import Build, Request
@@ -58,7 +59,8 @@ def collect(session: Session, name: str, policy: str | None = None) -> Outcome:
         if not build.resumed:
             require_space(session.root, space_needed(config))
         actor = _actor_factory(session.store.path(policy)) if policy else None
-        return run(config, build.path, dataset=name, actor=actor, progress=session.progress)
+        with interrupts.finishing():
+            return run(config, build.path, dataset=name, actor=actor, progress=session.progress)
 
     return make(session, request(session, name, policy), stage, renders=True)
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline import interrupts
 from pipeline.artifacts.inputs import load
 from pipeline.artifacts.manifests import file_sha256
 from pipeline.artifacts.space import require_space
@@ -54,14 +55,15 @@ def train_perception(session: Session, name: str, dataset: str, weights: Path | 
         from stages.collect.rerender import make_rerender
         from stages.perception.training import run
 
-        return run(
-            session.config.perception,
-            directory,
-            build.path,
-            estimator=name,
-            weights=weights,
-            rerender=make_rerender(directory),
-            progress=session.progress,
-        )
+        with interrupts.finishing():
+            return run(
+                session.config.perception,
+                directory,
+                build.path,
+                estimator=name,
+                weights=weights,
+                rerender=make_rerender(directory),
+                progress=session.progress,
+            )
 
     return make(session, request(session, name, dataset, weights), stage, renders=True)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
+from pipeline import interrupts
 from pipeline.artifacts.space import require_space
 from pipeline.artifacts.store import Build, Request
 from pipeline.machine import require_device, require_gl, require_sim
@@ -118,13 +119,14 @@ def _train(session: Session, work: list[Work], estimator: str | None) -> dict[st
         outcome = _finish(items[result.run_id], result, time.monotonic() - started)
         done[outcome.id] = outcome
 
-    run(
-        [_spec(item) for item in work],
-        session.store.path(f"estimators/{estimator}") if estimator else None,
-        resources=Resources(matrix.device, matrix.processes, matrix.workers, matrix.threads),
-        finished=finished,
-        progress=session.progress,
-    )
+    with interrupts.finishing():
+        run(
+            [_spec(item) for item in work],
+            session.store.path(f"estimators/{estimator}") if estimator else None,
+            resources=Resources(matrix.device, matrix.processes, matrix.workers, matrix.threads),
+            finished=finished,
+            progress=session.progress,
+        )
     return done
 
 

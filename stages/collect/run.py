@@ -44,6 +44,8 @@ def run(
             results.append(result)
             task.advance()
             task.note(f"{len(results) * frames_per_episode(config.collect)} frames")
+            if progress.stopping():
+                raise KeyboardInterrupt
     results.sort(key=lambda result: result.plan.episode)
     with no_space_is_machine_error(out / "episodes"):
         make_durable(out / "episodes")

@@ -124,8 +124,11 @@ class Trainer:
                 validation = self._epoch(state, task)
                 task.note(f"epoch {state.epoch}/{epochs}, validation {100 * validation.mean_error:.2f} cm")
                 write_epochs(state.rows, estimator, out)
-                if state.epoch % self.config.checkpoint_epochs == 0 or state.epoch == epochs:
+                stopping = progress.stopping()
+                if stopping or state.epoch % self.config.checkpoint_epochs == 0 or state.epoch == epochs:
                     save_checkpoint(state, out)
+                if stopping:
+                    raise KeyboardInterrupt
 
     def ranges(self, weights: dict[str, Tensor]) -> Ranges:
         """Ranges of the activations over training frames evenly spaced."""

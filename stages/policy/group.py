@@ -114,12 +114,12 @@ class Schedule:
         with progress.task(f"{self._group[0].task}, {len(self._group)} runs", total, done) as task:
             for episode in range(position.episodes, config.episodes):
                 if self._lockstep.alive:
-                    self._train(episode, task)
-            for final in range(position.final, config.final_episodes, config.checkpoint_every):
+                    self._train(episode, task, progress)
+            for final in range(position.final, config.final_episodes):
                 if self._lockstep.alive:
-                    self._final(final, task)
+                    self._final(final, task, progress)
 
-    def _train(self, episode: int, task: Task) -> None:
+    def _train(self, episode: int, task: Task, progress: Progress) -> None:
         config, done = self._config, episode + 1
         if self._group[0].sources:
             self._lockstep.learn_episode(episode, task)
@@ -129,18 +129,26 @@ class Schedule:
             first = (done // config.eval_every - 1) * config.eval_episodes
             self._lockstep.evaluate("eval", first, config.eval_episodes, done, task)
             self._lockstep.summarise_evaluation("eval", first, config.eval_episodes, done)
-        if done % config.checkpoint_every == 0 or done == config.episodes:
-            self._checkpoint(Position(done, 0))
+        is_due = done % config.checkpoint_every == 0 or done == config.episodes
+        self._checkpoint(Position(done, 0), is_due, progress)
 
-    def _final(self, first: int, task: Task) -> None:
-        config = self._config
-        count = min(config.checkpoint_every, config.final_episodes - first)
-        self._lockstep.evaluate("final", first, count, config.episodes, task)
-        if first + count == config.final_episodes:
+    def _final(self, episode: int, task: Task, progress: Progress) -> None:
+        config, done = self._config, episode + 1
+        self._lockstep.evaluate("final", episode, 1, config.episodes, task)
+        if done == config.final_episodes:
             self._lockstep.summarise_evaluation("final", 0, config.final_episodes, config.episodes)
-        self._checkpoint(Position(config.episodes, first + count))
+        is_due = done % config.checkpoint_every == 0 or done == config.final_episodes
+        self._checkpoint(Position(config.episodes, done), is_due, progress)
 
-    def _checkpoint(self, position: Position) -> None:
+    def _checkpoint(self, position: Position, is_due: bool, progress: Progress) -> None:
+        """Keep everything up to `position` where that is due, or where it is time to stop."""
+        stopping = progress.stopping()
+        if is_due or stopping:
+            self._save(position)
+        if stopping:
+            raise KeyboardInterrupt
+
+    def _save(self, position: Position) -> None:
         for row in self._lockstep.alive:
             self._logs[row].flush()
             checkpoint.save(self._group[row].out, position, self._td3, row, self._logs[row].counts())

@@ -146,12 +146,10 @@ class RunLog:
         """
         merged, parts = self._out / ".transitions.tmp", self._out / ".transitions.parts"
         shutil.rmtree(merged, ignore_errors=True)
-        groups = list(_groups(self._paths()))
-        if len(groups) == self._parts:
+        if len(self._paths()) < 2:
             return
         merged.mkdir()
-        for number, group in enumerate(groups):
-            table = pa.concat_tables([_read(path) for path in group]).unify_dictionaries().combine_chunks()
+        for number, table in enumerate(_regrouped(self._paths())):
             write_parquet(table, merged / f"part-{number:05d}.parquet")
         self._directory.rename(parts)
         merged.rename(self._directory)
@@ -167,18 +165,29 @@ class RunLog:
         shutil.rmtree(self._out / ".transitions.tmp", ignore_errors=True)
 
 
-def _groups(paths: list[Path]) -> Iterator[list[Path]]:
-    """Neighbours whose rows together are `PART_ROWS` or a little more."""
-    group: list[Path] = []
-    rows = 0
+def _regrouped(paths: list[Path]) -> Iterator[pa.Table]:
+    """Whole episodes in tables of `PART_ROWS` rows or a little more, the same wherever the parts were cut."""
+    rest = _read(paths[0]).slice(0, 0)
     for path in paths:
-        group.append(path)
-        rows += pq.read_metadata(path).num_rows
-        if rows >= PART_ROWS:
-            yield group
-            group, rows = [], 0
-    if group:
-        yield group
+        rest = pa.concat_tables([rest, _read(path)]).unify_dictionaries()
+        while rest.num_rows >= PART_ROWS:
+            starts = np.flatnonzero(rest["step"].to_numpy() == 0)
+            ends = np.append(starts[1:], rest.num_rows)
+            cut = int(ends[np.searchsorted(ends, PART_ROWS)])
+            yield _with_own_words(rest.slice(0, cut))
+            rest = rest.slice(cut)
+    if rest.num_rows:
+        yield _with_own_words(rest)
+
+
+def _with_own_words(table: pa.Table) -> pa.Table:
+    """Without the words of other rows in its dictionaries."""
+    columns = []
+    for column, field in zip(table.columns, table.schema, strict=True):
+        if pa.types.is_dictionary(field.type):
+            column = column.cast(field.type.value_type).combine_chunks().dictionary_encode().cast(field.type)
+        columns.append(column)
+    return pa.Table.from_arrays(columns, schema=table.schema).combine_chunks()
 
 
 def _transitions_table(

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from stages.policy.config import RunResult, RunSpec
 from stages.policy.group import train_group
 from stages.policy.resources import Share
 from stages.sim.processes import end_with_parent, interrupts_ignored, stay_on_own_cores
+
+_STOPS_WITHIN = 0.5  # [s] after it was asked for: as often the parts are told
 
 
 def train_side_by_side(
@@ -35,26 +38,35 @@ def train_side_by_side(
         total, done = (sum(counts) for counts in zip(*begun, strict=True))
         label = f"{parts[0][0].task}, {sum(len(part) for part in parts)} runs"
         with progress.task(label, total, done) as task:
-            yield from _results(children, task)
+            yield from _results(children, task, progress)
     finally:
         with interrupts_ignored():
             for child in children:
                 child.close()
 
 
-def _results(children: list["_Child"], task: Task) -> Iterator[RunResult]:
-    busy = {child.pipe: child for child in children}
+def _results(children: list["_Child"], task: Task, progress: Progress) -> Iterator[RunResult]:
+    """Raises KeyboardInterrupt when all parts have ended and one of them because it was to stop."""
+    busy, stopped = {child.pipe: child for child in children}, False
     while busy:
-        for pipe in wait(list(busy)):
+        if progress.stopping():
+            for child in busy.values():
+                child.stop()
+        for pipe in wait(list(busy), timeout=_STOPS_WITHIN):
             child = busy[pipe]  # type: ignore[index]  # `wait` gives back what it was given
             kind, content = child.receive()
             if kind == "results":
                 del busy[child.pipe]
                 yield from content
+            elif kind == "stopped":
+                del busy[child.pipe]
+                stopped = True
             else:
                 child.note_episodes(content)
                 task.advance(content)
                 task.note(f"{sum(child.rate for child in busy.values()):.0f} env steps/s")
+    if stopped:
+        raise KeyboardInterrupt
 
 
 class _Child:
@@ -66,7 +78,8 @@ class _Child:
         self.rate = 0.0  # environment steps/s of the last episode
         self._steps = len(part) * part[0].world.horizon
         self._since = time.monotonic()
-        arguments = (theirs, index, part, estimator, share)
+        self._stop = context.Event()
+        arguments = (theirs, self._stop, index, part, estimator, share)
         self._process = context.Process(target=_serve, args=arguments, name=f"train-{part[0].run_id}")
         with interrupts_ignored():
             self._process.start()
@@ -81,6 +94,10 @@ class _Child:
         if kind == "error":
             raise content
         return kind, content
+
+    def stop(self) -> None:
+        """Have the part end at its next whole episode."""
+        self._stop.set()
 
     def note_episodes(self, count: int) -> None:
         """Keep the rate of episodes that were just finished."""
@@ -99,11 +116,15 @@ class _Child:
         return MachineError(f"a training process died (exit code {code}); what was finished is on disk: use --resume")
 
 
-def _serve(pipe: Connection, index: int, part: list[RunSpec], estimator: Path | None, share: Share) -> None:
+def _serve(
+    pipe: Connection, stop: Event, index: int, part: list[RunSpec], estimator: Path | None, share: Share
+) -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
     stay_on_own_cores(index, share.processes)
     try:
-        pipe.send(("results", train_group(part, estimator, share, _Reported(pipe))))
+        pipe.send(("results", train_group(part, estimator, share, _Reported(pipe, stop))))
+    except KeyboardInterrupt:
+        pipe.send(("stopped", None))
     except PipelineError as error:
         pipe.send(("error", error))
 
@@ -111,8 +132,11 @@ def _serve(pipe: Connection, index: int, part: list[RunSpec], estimator: Path | 
 class _Reported:
     """Progress of a part, sent to the parent: `begin` once, then `advance`."""
 
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
+    def __init__(self, pipe: Connection, stop: Event) -> None:
+        self._pipe, self._stop = pipe, stop
+
+    def stopping(self) -> bool:
+        return self._stop.is_set()
 
     @contextmanager
     def task(self, label: str, total: int, done: int = 0) -> Iterator["_Reported"]:

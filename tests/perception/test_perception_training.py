@@ -41,7 +41,7 @@ def train(dataset, out, config=CONFIG, **changes):
     return run(config, dataset, out, **options)
 
 
-class InterruptAt:
+class InterruptAt(Silent):
     """Progress that stops the training after its step number `step`, as the user's Ctrl-C may."""
 
     def __init__(self, step):
@@ -88,6 +88,19 @@ def test_resumed_training_gives_the_same_bits(dataset, uninterrupted, tmp_path):
     progress = InterruptAt(1000)
     train(dataset, tmp_path, progress=progress)
     assert ("train estimator", 36, 24) in progress.labels
+    assert results(tmp_path) == uninterrupted
+
+
+def test_asked_to_stop_the_epoch_is_finished_and_kept(dataset, uninterrupted, tmp_path):
+    class Stopping(Silent):
+        def stopping(self):
+            return True
+
+    config = CONFIG.model_copy(update={"checkpoint_epochs": 3})
+    with pytest.raises(KeyboardInterrupt):
+        train(dataset, tmp_path, config, progress=Stopping())
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == ["epoch-000001.safetensors"]
+    train(dataset, tmp_path)
     assert results(tmp_path) == uninterrupted
 
 

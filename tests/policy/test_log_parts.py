@@ -55,13 +55,33 @@ def test_parts_of_a_run_that_is_over_are_merged(spec: RunSpec, monkeypatch: pyte
     before = _rows(spec)
     assert len(_paths(spec)) == 5
     log.finish()
-    assert [path.name for path in _paths(spec)] == [f"part-{number:05d}.parquet" for number in range(3)]
-    assert [pq.read_metadata(path).num_rows for path in _paths(spec)] == [20, 20, 10]
+    assert [path.name for path in _paths(spec)] == [f"part-{number:05d}.parquet" for number in range(4)]
+    assert [pq.read_metadata(path).num_rows for path in _paths(spec)] == [15, 15, 15, 5]
     assert _rows(spec) == before
     assert [path.name for path in spec.out.iterdir() if path.name.startswith(".")] == []
     merged = [path.read_bytes() for path in _paths(spec)]
     log.finish()
     assert [path.read_bytes() for path in _paths(spec)] == merged
+
+
+@pytest.mark.parametrize("cuts", [{0}, {1, 2}, {3, 4, 5}, {6}])
+def test_where_the_parts_were_cut_does_not_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: set[int]
+) -> None:
+    """A run that was stopped has a part more: it ends with the bytes of one that was not."""
+    monkeypatch.setattr(log_module, "PART_ROWS", 3 * STEPS)
+    found = []
+    for name, flushed in (("whole", {1, 3, 5}), ("stopped", {1, 3, 5} | cuts)):
+        spec = RunSpec("t/cell", "reach", "dense", "pan", 0.0, 0, WorldConfig(), RunConfig(), tmp_path / name)
+        spec.out.mkdir()
+        log = RunLog(spec, 24, 7)
+        for episode in range(8):
+            _add(log, "eval" if episode > 5 else "train", episode)
+            if episode in flushed:
+                log.flush()
+        log.finish()
+        found.append({path.name: path.read_bytes() for path in _paths(spec)})
+    assert found[0] == found[1] and len(found[0]) == 3
 
 
 @pytest.mark.parametrize("renames", [0, 1, 2])

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.training import random_estimator
 from schemas.errors import MachineError
 from schemas.progress import Silent
-from stages.policy import train
+from stages.policy import checkpoint, train
 from stages.policy.config import RunConfig, RunSpec, TD3Config
 from stages.policy.resources import Resources, Share
 from stages.sim.config import WorldConfig
@@ -69,6 +69,20 @@ def test_emptying_the_buffer_is_the_same_in_any_company(tmp_path: Path) -> None:
         )
         found.append([_bytes(spec) for spec in specs])
     assert found[0] == found[1]
+
+
+def test_asked_to_stop_every_process_keeps_its_episodes(tmp_path: Path) -> None:
+    class Stopping(Silent):
+        def stopping(self) -> bool:
+            return True
+
+    config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
+    specs = [replace(spec, config=config) for spec in _specs(tmp_path)]
+    with pytest.raises(KeyboardInterrupt):
+        train.run(specs, None, resources=Resources(processes=3), finished=print, progress=Stopping())
+    kept = [checkpoint.available(spec.out) for spec in specs]
+    assert all(len(positions) == 1 and positions[0].episodes < 100 for positions in kept)
+    assert multiprocessing.active_children() == []
 
 
 def test_a_killed_process_is_reported_and_its_neighbours_are_stopped(tmp_path: Path) -> None:

@@ -19,6 +19,34 @@ class _StopError(Exception):
     pass
 
 
+class Stopping(Silent):
+    """Asks to stop when it has been asked `after` times."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+
+    def stopping(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.usefixtures("fake")
+class TestStop:
+    @pytest.mark.parametrize("after", [0, 2, 5, 6, 8])
+    def test_every_whole_episode_is_kept_and_resumed_equals_uninterrupted(self, tmp_path: Path, after: int) -> None:
+        """Asked after each of six training and five final episodes; checkpoints are due after every second one."""
+        config = CONFIG.model_copy(update={"final_episodes": 5})
+        whole, stopped = (run_specs(tmp_path / name, ("dense2sparse", "sparse"), config) for name in ("a", "b"))
+        trained(whole)
+        with pytest.raises(KeyboardInterrupt):
+            train.run(stopped, Path("e"), resources=Resources(processes=1), finished=print, progress=Stopping(after))
+        kept = checkpoint.available(stopped[0].out)[-1]
+        assert kept == (Position(after + 1, 0) if after < 6 else Position(6, after - 5))
+        trained(stopped)
+        for one, other in zip(whole, stopped, strict=True):
+            assert everything(one) == everything(other)
+
+
 @pytest.mark.usefixtures("fake")
 class TestResume:
     @pytest.mark.parametrize("buffer", ["keep", "relabel", "empty"])
