@@ -9,9 +9,9 @@ from pipeline.artifacts.store import check_present
 from schemas.errors import ArtifactError, ConfigError, PipelineError, listed
 from schemas.manifest import FileRef, InputRef, Manifest
 
-HASHED = (".parquet", ".json", ".safetensors")
-"""Files verified by content each time they are an input; the many and large MCAP files by size, and by their own
-checksums where they are read."""
+HASHED = (".parquet", ".json", ".safetensors", ".mcap")
+"""Files verified by content each time they are an input: two episodes that changed places have the right sizes, and
+checksums of their own that hold."""
 
 
 def load_complete(root: Path, artifact_id: str, accepted: tuple[str, ...] = ("complete",)) -> Manifest:

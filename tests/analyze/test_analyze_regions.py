@@ -43,7 +43,7 @@ def write_final(root: Path, scheme: str) -> None:
 
 
 def answers(root: Path, name: str) -> list[dict[str, Any]]:
-    return ask_all(root, choose(root, [], []), 2, Silent())[name].rows
+    return ask_all(root, choose(root, [], []), Silent())[name].rows
 
 
 def test_lost_return_is_the_oracle_s_from_the_same_start(tmp_path: Path) -> None:

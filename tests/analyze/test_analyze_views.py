@@ -222,6 +222,6 @@ def test_answers_of_an_analysis_are_the_same_bits_each_time(tmp_path: Path, monk
         return query(connection, sql)
 
     monkeypatch.setattr("stages.analyze.study.query", watched)
-    ask_all(tmp_path, choose(tmp_path, [], []), 2, Silent())
+    ask_all(tmp_path, choose(tmp_path, [], []), Silent())
     assert len(asked) > 5
     assert all(setting == [(1,)] for setting in asked)

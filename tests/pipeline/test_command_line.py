@@ -110,10 +110,13 @@ STOP_ME = """
 import sys, time, types
 import stages.sim.gl
 stages.sim.gl.gl_renderer = lambda: "test"
-def run(config, out, **options):
+asks = sys.argv[2] == "asks"
+def run(config, out, progress, **options):
     (out / "half").write_text("half")
     print("started", flush=True)
-    time.sleep(60)
+    while not (asks and progress.stopping()):
+        time.sleep(0.05)
+    raise KeyboardInterrupt
 sys.modules["stages.collect.run"] = types.SimpleNamespace(run=run)
 from pipeline.cli import main
 sys.argv = ["pipeline", "collect", "--data", sys.argv[1]]
@@ -121,10 +124,18 @@ main()
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_interruption(tmp_path: Path, how: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("stage", "how"),
+    [
+        ("asks", [signal.SIGINT]),
+        ("asks", [signal.SIGTERM]),
+        ("never asks", [signal.SIGINT, signal.SIGINT]),
+        ("never asks", [signal.SIGTERM, signal.SIGINT]),
+    ],
+)
+def test_interruption(tmp_path: Path, stage: str, how: list[signal.Signals]) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", STOP_ME, str(tmp_path)],
+        [sys.executable, "-c", STOP_ME, str(tmp_path), stage],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -132,11 +143,13 @@ def test_interruption(tmp_path: Path, how: signal.Signals) -> None:
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "started\n"
-    time.sleep(0.1)
-    process.send_signal(how)
+    for number in how:
+        time.sleep(0.2)
+        process.send_signal(number)
     _, stderr = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert stderr.strip() == (
-        "Error: interrupted; what was finished is on disk: the same command with --resume goes on from there"
-    )
+    assert [line for line in stderr.splitlines() if line] == [
+        "stopping at the next whole episode or epoch, which is kept (Ctrl-C again: now)",
+        "Error: interrupted; what was finished is on disk: the same command with --resume goes on from there",
+    ]
     assert '"status": "running"' in (tmp_path / "datasets/default/manifest.json").read_text()
