@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -63,9 +64,9 @@ def config_sha256(config: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """Leaves that differ, as `key: old → new`."""
-    before, after = dict(flatten(old)), dict(flatten(new))
+def differences(old: dict[str, Any], new: dict[str, Any], defaults: Mapping[str, Any] = {}) -> list[str]:
+    """Leaves that differ, as `key: old → new`; `defaults` are of keys that `old` may lack."""
+    before, after = dict(flatten(dict(defaults))) | dict(flatten(old)), dict(flatten(new))
     keys = sorted((before.keys() | after.keys()) - {*PLACEMENT, STUDIES})
     return [
         f"{key}: {before.get(key, 'absent')} → {after.get(key, 'absent')}"

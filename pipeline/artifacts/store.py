@@ -32,11 +32,17 @@ class Request:
     id: str
     config: dict[str, Any]
     inputs: list[InputRef] = field(default_factory=list)
+    defaults: dict[str, Any] = field(default_factory=dict)
+    """Values of keys that an older version did not know yet: what it did without them."""
 
     @property
     def config_sha256(self) -> str:
         """Hash that decides whether an existing artifact is the one asked for."""
         return config_sha256(self.config)
+
+    def differences(self, made: dict[str, Any]) -> list[str]:
+        """Leaves of the configuration that something was `made` with that are not the ones asked for."""
+        return differences(made, self.config, self.defaults)
 
     def is_answered_by(self, manifest: Manifest) -> bool:
         """Nothing is to be done: a complete artifact of this config, made from these inputs, shows these studies."""
@@ -136,9 +142,9 @@ class Store:
         return manifest
 
     def _check_same(self, request: Request, manifest: Manifest) -> None:
-        if manifest.config_sha256 != request.config_sha256:
-            changed = ", ".join(differences(manifest.config, request.config)) or "configuration"
-            raise ConfigError(f"{request.id} exists with another config ({changed}): choose another --name")
+        changed = manifest.config_sha256 != request.config_sha256 and request.differences(manifest.config)
+        if changed:
+            raise ConfigError(f"{request.id} exists with another config ({', '.join(changed)}): choose another --name")
         if manifest.inputs != request.inputs and not _replaceable(request.id):
             before = ", ".join(ref.id for ref in manifest.inputs) or "nothing"
             raise ConfigError(

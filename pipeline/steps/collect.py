@@ -30,7 +30,8 @@ def stage_config(session: Session) -> CollectStageConfig:
 def request(session: Session, name: str, policy: str | None = None) -> Request:
     """The dataset asked for; `policy` is the id of a run that acts instead of the scripted controllers."""
     inputs = [_policy_input(session, policy)] if policy else []
-    return Request(f"datasets/{name}", stage_config(session).model_dump(mode="json"), inputs)
+    config, defaults = (each.model_dump(mode="json") for each in (stage_config(session), CollectStageConfig()))
+    return Request(f"datasets/{name}", config, inputs, defaults)
 
 
 def _policy_input(session: Session, policy: str) -> InputRef:

@@ -21,7 +21,8 @@ def request(session: Session, name: str, dataset: str, weights: Path | None = No
     """The estimator asked for. Initial weights are part of its identity by their hash."""
     config = PerceptionStageConfig(perception=session.config.perception).model_dump(mode="json")
     config["weights_sha256"] = _weights_sha256(weights) if weights else None
-    return Request(f"estimators/{name}", config, [session.pin(f"datasets/{dataset}")])
+    defaults = PerceptionStageConfig().model_dump(mode="json")
+    return Request(f"estimators/{name}", config, [session.pin(f"datasets/{dataset}")], defaults)
 
 
 def _weights_sha256(weights: Path) -> str:

@@ -12,6 +12,8 @@ from pipeline.machine import require_device, require_gl, require_sim
 from pipeline.matrix import Cell, cells
 from pipeline.steps.session import Did, Outcome, Session
 from schemas.manifest import InputRef, Manifest
+from stages.policy.config import RunConfig
+from stages.sim.config import WorldConfig
 
 if TYPE_CHECKING:
     from stages.policy.config import RunResult, RunSpec
@@ -65,7 +67,8 @@ def _request(matrix: Matrix, cell: Cell, estimator: str | None, inputs: list[Inp
         "estimator": estimator,
         **({"sources": list(matrix.sources)} if matrix.sources else {}),
     }
-    return Request(f"runs/{matrix.name}/{cell.name}", config, inputs)
+    defaults = {"world": WorldConfig().model_dump(mode="json"), "policy": RunConfig().model_dump(mode="json")}
+    return Request(f"runs/{matrix.name}/{cell.name}", config, inputs, defaults)
 
 
 def space_needed(work: Sequence[Work]) -> int:

@@ -84,6 +84,17 @@ def test_another_config_under_the_same_name(store: Store, dataset: Path) -> None
     assert read_manifest(dataset, "datasets/small").status == "complete"
 
 
+def test_a_key_that_an_older_version_did_not_know(store: Store, dataset: Path) -> None:
+    """It did what the default says, so asking for the default is asking for the same."""
+    defaults = {"collect": {"episodes": 7, "blur": 0.0}}
+    same, other = ({"collect": {"episodes": 1, "blur": blur}} for blur in (0.0, 0.5))
+    assert isinstance(store.begin(Request(ASKED.id, same, defaults=defaults), resume=False), Manifest)
+    with pytest.raises(ConfigError, match=r"another config \(collect.blur: 0.0 → 0.5\)"):
+        store.begin(Request(ASKED.id, other, defaults=defaults), resume=True)
+    with pytest.raises(ConfigError, match=r"another config \(collect.blur: absent → 0.0\)"):
+        store.begin(Request(ASKED.id, same), resume=True)
+
+
 def test_other_inputs_under_the_same_name(store: Store, dataset: Path) -> None:
     with pytest.raises(ConfigError, match="made from other inputs"):
         store.begin(Request(ASKED.id, ASKED.config, [InputRef(id="runs/a/b", manifest_sha256="0")]), resume=False)
