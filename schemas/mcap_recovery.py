@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import lz4.frame
 import zstandard
@@ -44,6 +44,10 @@ class Recovered:
     def is_whole(self) -> bool:
         """Nothing was lost."""
         return not self.lost
+
+    def as_dict(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {**vars(self), "messages": dict(self.messages), "is_whole": self.is_whole}
 
     def message(self) -> str:
         """A sentence for a person."""

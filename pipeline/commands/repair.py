@@ -29,8 +29,6 @@ def repair(options: Place, file: Path, output: Path | None) -> None:
     Every message up to the last whole one goes into a new file, and what was dropped is said; FILE stays as it is.
     Chunks that are not what was written are dropped.
     """
-    from dataclasses import asdict
-
     from pipeline.output import console, print_json
     from schemas.errors import ArtifactError, ConfigError, MachineError
     from schemas.mcap_recovery import recover
@@ -49,6 +47,6 @@ def repair(options: Place, file: Path, output: Path | None) -> None:
     finally:
         temporary.unlink(missing_ok=True)
     if options.as_json:
-        print_json({**asdict(found), "is_whole": found.is_whole, "repaired": str(target)})
+        print_json({**found.as_dict(), "repaired": str(target)})
     elif not options.quiet:
         console().print(f"{found.message()} → {target}", markup=False)
