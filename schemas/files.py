@@ -72,6 +72,11 @@ def fsync_directory(directory: Path) -> None:
         os.close(descriptor)
 
 
+def failure_path(run: Path) -> Path:
+    """Where a run that failed keeps the episode it failed in: its own transitions/ and episodes.parquet."""
+    return run / "failure"
+
+
 def recording_path(run: Path, split: str, episode: int) -> Path:
     """Where a run keeps the frames of an episode that were recorded while it was made."""
     return run / "recordings" / f"{split}-{episode:06d}.mcap"

@@ -18,11 +18,13 @@ Example:
   pipeline replay demo/reach-dense-orbit00-seed0 --episode 3 --save episode.mp4 --image-size 512
   pipeline replay demo/reach-dense-orbit00-seed0 --episode 3 --misalignment 10 --save turned.rrd
   pipeline replay demo/reach-dense-orbit00-seed0 --episode 3 --estimator other --camera fovy=50
+  pipeline replay demo/reach-dense-orbit00-seed0 --failure
 """
 )
 @place_options
 @click.argument("run")
-@click.option("--episode", type=click.IntRange(min=0), required=True, help="Counted from 0 within its split.")
+@click.option("--episode", type=click.IntRange(min=0), help="Counted from 0 within its split.")
+@click.option("--failure", is_flag=True, help="The episode in which the run failed, up to where it did.")
 @click.option("--split", type=click.Choice(["train", "eval", "final"]), default="final", show_default=True)
 @click.option("--save", type=click.Path(dir_okay=False, path_type=Path), help="Write it to FILE.rrd, .mcap or .mp4.")
 @click.option(
@@ -51,7 +53,8 @@ Example:
 def replay(
     options: Place,
     run: str,
-    episode: int,
+    episode: int | None,
+    failure: bool,
     split: str,
     save: Path | None,
     image_size: int | None,
@@ -74,6 +77,8 @@ def replay(
     from pipeline.output import console, print_json
     from schemas.errors import ConfigError
 
+    if failure == (episode is not None):
+        raise ConfigError("name an episode with --episode N, or the one in which the run failed with --failure")
     moved = bool(camera) or misalignment_kind is not None or misalignment_deg is not None
     run_id = resolve(options.data, run, ("runs",))
     used = load(options.data, run_id).config.get("estimator")

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from schemas import tables
 from schemas.arrays import constant, to_arrow, to_numpy
 from schemas.errors import ArtifactError
-from schemas.files import fsync_directory, write_parquet
+from schemas.files import failure_path, fsync_directory, write_parquet
 from stages.policy.config import RunSpec
 
 _TABLES = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
@@ -63,6 +63,19 @@ class RunLog:
         """Rows of a table so far."""
         return self._rows[table]
 
+    def keep_failure(self, head: EpisodeHead, columns: dict[str, np.ndarray], row: dict[str, Any]) -> None:
+        """Write the episode in which the run failed, up to where it did, beside the logs: it is no data of theirs.
+
+        `columns` and `row` as of an episode that is logged.
+        """
+        out = failure_path(self._out)
+        shutil.rmtree(out, ignore_errors=True)
+        (out / "transitions").mkdir(parents=True)
+        table = _transitions_table(self._schema, self._identity, [(head, columns)])
+        write_parquet(table, out / "transitions" / "part-00000.parquet")
+        episodes = pa.Table.from_pylist([self._identity | row], schema=tables.EPISODES)
+        write_parquet(episodes, out / "episodes.parquet")
+
     def flush(self) -> None:
         """Write what was added since the last time."""
         news = [name for name, table in self._tables.items() if len(self._rows[name]) > table.num_rows]
@@ -93,6 +106,7 @@ class RunLog:
             ArtifactError: less is on disk than the checkpoint remembers.
         """
         self._undo_unfinished_merge()
+        shutil.rmtree(failure_path(self._out), ignore_errors=True)  # it goes on from before that
         for path in self._paths()[counts["parts"] :]:
             path.unlink()
         self._parts = counts["parts"]

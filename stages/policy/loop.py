@@ -135,7 +135,7 @@ class Lockstep:
         halved = episode.learning and self._overlap  # an update and a prediction at the same time share the threads
         torch.set_num_threads(max(1, self._threads // 2) if halved else self._threads)
         with ThreadPoolExecutor(1, "learner") if halved else nullcontext() as thread:
-            self._steps(episode, thread)
+            self._steps(episode, thread, initial)
         if not self.alive:
             return
         seconds = time.perf_counter() - started
@@ -144,7 +144,7 @@ class Lockstep:
         task.advance()
         task.note(f"{len(self.alive) * self.horizon / seconds:.0f} env steps/s")
 
-    def _steps(self, episode: _Episode, thread: ThreadPoolExecutor | None) -> None:
+    def _steps(self, episode: _Episode, thread: ThreadPoolExecutor | None, initial: list[np.ndarray]) -> None:
         """The steps of an episode, to its end or until no run is left."""
         random = episode.training and episode.trained < self.config.warmup_episodes
         recorder = self._recorder if episode.is_recorded(self.config.record_every) else None
@@ -173,7 +173,7 @@ class Lockstep:
             if episode.training:
                 self._learner.remember(self.alive, observation, action, used, scores.reward_sparse, after)
             observation = after
-            self._fail_unstable(episode, step)
+            self._fail_unstable(episode, step, initial)
             if not self.alive:
                 return
 
@@ -209,18 +209,27 @@ class Lockstep:
         scale = self.config.td3.exploration_noise
         return np.stack([scale * rng.standard_normal(shape) for rng in streams]).astype(np.float32)
 
-    def _fail_unstable(self, episode: _Episode, step: int) -> None:
-        """End runs whose simulation diverged or whose policy is no number; their neighbours go on."""
+    def _fail_unstable(self, episode: _Episode, step: int, initial: list[np.ndarray]) -> None:
+        """End runs whose simulation diverged or whose policy is no number; their neighbours go on.
+
+        The episode up to there is kept, to be replayed.
+        """
         for row in self.alive:
             diverged = not np.isfinite(self._columns.columns["action"][row, step]).all()
             if self._worlds.states["unstable"][row] or diverged:
                 what = "the policy's action is not a number" if diverged else "the simulation became unstable"
-                self.errors[row] = f"{what} in {episode.split} episode {episode.number}, step {step}"
+                where = f"{episode.split} episode {episode.number}, step {step}"
+                self.errors[row] = f"{what} in {where}; the episode up to there is kept in failure/"
+                self._keep_failure(row, episode, step + 1, initial[row])
                 self._worlds.drop(row)
 
+    def _keep_failure(self, row: int, episode: _Episode, steps: int, initial: np.ndarray) -> None:
+        columns = {name: values[:steps] for name, values in self._columns.of_run(row).items()}
+        head, seeds = self._head(row, episode), self._seeds(row, episode)
+        final = self._worlds.packed_states()[row]
+        self.logs[row].keep_failure(head, columns, episode_row(head, columns, seeds, initial, final, 0.0))
+
     def _close_episode(self, episode: _Episode, initial: list[np.ndarray], seconds: float) -> None:
-        trained = episode.trained
-        done = trained if episode.training else trained + 1
         final = self._worlds.packed_states()
         if self._recorder and episode.is_recorded(self.config.record_every):
             self._recorder.write(self.alive, episode.split, episode.number)
@@ -228,11 +237,15 @@ class Lockstep:
         if episode.training:
             self._learner.end(self.alive)
         for row in self.alive:
-            spec, log = self.specs[row], self.logs[row]
-            head = EpisodeHead(
-                episode.split, episode.number, done * self.horizon, phase(spec.scheme, trained, spec.config)
-            )
-            columns = self._columns.of_run(row)
+            log, head, columns = self.logs[row], self._head(row, episode), self._columns.of_run(row)
             log.add_transitions(head, columns)
-            seeds = entropy(spec.seed, RESET_STREAMS[episode.split], episode.number)
+            seeds = self._seeds(row, episode)
             log.add("episodes", episode_row(head, columns, seeds, initial[row], final[row], seconds))
+
+    def _head(self, row: int, episode: _Episode) -> EpisodeHead:
+        done = episode.trained if episode.training else episode.trained + 1
+        now = phase(self.specs[row].scheme, episode.trained, self.specs[row].config)
+        return EpisodeHead(episode.split, episode.number, done * self.horizon, now)
+
+    def _seeds(self, row: int, episode: _Episode) -> list[int]:
+        return entropy(self.specs[row].seed, RESET_STREAMS[episode.split], episode.number)

@@ -39,7 +39,13 @@ class Exported(NamedTuple):
 
 
 def export_episode(
-    run_dir: Path, split: str, episode: int, save: Path | None, *, view: View = AS_THE_RUN, eye: Eye | None = None
+    run_dir: Path,
+    split: str,
+    episode: int | None,
+    save: Path | None,
+    *,
+    view: View = AS_THE_RUN,
+    eye: Eye | None = None,
 ) -> Exported:
     """Replay a run's episode before a camera and write it to `save`, if anywhere, in the format of its ending.
 

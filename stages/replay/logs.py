@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from schemas.arrays import to_numpy
 from schemas.errors import ArtifactError
+from schemas.files import failure_path
 from schemas.manifest import Manifest, read_manifest
 from schemas.tables import EPISODES, transitions
 from stages.replay.parquet import check_schema, read_parquet, reading
@@ -51,8 +52,8 @@ class LoggedEpisode:
         return np.stack([self.rows[f"{name}_{axis}"] for axis in "xyz"], axis=1)
 
 
-def load_episode(run_dir: Path, split: str, episode: int) -> LoggedEpisode:
-    """Read episode `episode` (counted from 0 within `split`) of the run in `run_dir`.
+def load_episode(run_dir: Path, split: str, episode: int | None) -> LoggedEpisode:
+    """Read episode `episode` (counted from 0 within `split`) of the run in `run_dir`; None: the one in which it failed.
 
     Raises:
         ArtifactError: no such run or episode, or its logs are missing, truncated or of another schema.
@@ -60,8 +61,20 @@ def load_episode(run_dir: Path, split: str, episode: int) -> LoggedEpisode:
     manifest = read_manifest(run_dir)
     if manifest.stage != "train-policy":
         raise ArtifactError(f"{run_dir} is an artifact of {manifest.stage}, not a run")
+    if episode is None:
+        return _failure(run_dir, manifest)
     summary = _episode_summary(run_dir, split, episode)
     return episode_of(run_dir, manifest, _transitions(run_dir, split, episode), summary)
+
+
+def _failure(run_dir: Path, manifest: Manifest) -> LoggedEpisode:
+    """The episode in which a run failed, up to the step that made it fail."""
+    kept = failure_path(run_dir)
+    if not kept.is_dir():
+        raise ArtifactError(f"{run_dir} did not fail in an episode: there is nothing in {kept}")
+    [summary] = read_episodes(kept).to_pylist()
+    rows = _transitions(kept, summary["split"], summary["episode"])
+    return episode_of(run_dir, manifest, rows, summary)
 
 
 def episode_of(

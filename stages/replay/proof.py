@@ -103,7 +103,7 @@ class ReplayResult:
         }
 
 
-def replay(run_dir: Path, split: str, episode: int) -> ReplayResult:
+def replay(run_dir: Path, split: str, episode: int | None) -> ReplayResult:
     """Re-simulate a logged episode and compare every logged quantity of the world with it.
 
     Raises:
@@ -176,8 +176,9 @@ def _judged(task: str, states: np.ndarray) -> dict[str, np.ndarray]:
 
 def _difference(logged: np.ndarray, simulated: np.ndarray, tolerance: float = 0.0) -> Difference:
     """Of rows (n,) or (n, d)."""
-    gap = np.abs(logged.astype(np.float64) - simulated.astype(np.float64)).reshape(len(logged), -1)
-    gap = np.where(np.isnan(gap), np.inf, gap).max(axis=1)  # (n,)
+    past, now = (values.astype(np.float64).reshape(len(logged), -1) for values in (logged, simulated))
+    gap = np.where((past == now) | (np.isnan(past) & np.isnan(now)), 0.0, np.abs(past - now))
+    gap = np.where(np.isnan(gap), np.inf, gap).max(axis=1)  # (n,): one that is no number alone is as far off as can be
     steps = np.flatnonzero(gap > tolerance)
     return Difference(float(gap.max(initial=0.0)), int(steps[0]) if len(steps) else None)
 

@@ -142,6 +142,14 @@ class TestFailures:
         assert [result.status for result in results] == ["complete", "failed", "complete"]
         assert "unstable in train episode 0, step 3" in (results[1].error or "")
         assert not list((specs[1].out / "transitions").glob("*")), "an episode that diverged is not data"
+        kept = pq.read_table(specs[1].out / "failure" / "transitions" / "part-00000.parquet", partitioning=None)
+        [row] = pq.read_table(specs[1].out / "failure" / "episodes.parquet").to_pylist()
+        assert kept["step"].to_pylist() == [0, 1, 2, 3] and (row["split"], row["episode"], row["length"]) == (
+            "train",
+            0,
+            4,
+        )
+        assert not (specs[0].out / "failure").exists()
         assert results[0].summary["episodes"] == 6
 
     def test_when_every_run_fails_it_stops_and_keeps_what_was_finished(
