@@ -1,8 +1,10 @@
 """Files that are whole or absent, and where they lie."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -15,13 +17,8 @@ _LIST_LEVEL = 6
 
 def write_parquet(table: pa.Table, path: Path) -> None:
     """Write `table` under a temporary name, fsync, and rename to `path`."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("wb") as file:
+    with _published(path) as file:
         pq.write_table(table, file, **parquet_settings(table.schema))
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    fsync_directory(path.parent)
 
 
 def parquet_settings(schema: pa.Schema) -> dict[str, Any]:
@@ -54,12 +51,23 @@ def parquet_settings(schema: pa.Schema) -> dict[str, Any]:
 
 def write_bytes(data: bytes, path: Path) -> None:
     """Write `data` under a temporary name, fsync, and rename to `path`."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    with temporary.open("wb") as file:
+    with _published(path) as file:
         file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+
+
+@contextmanager
+def _published(path: Path) -> Iterator[BinaryIO]:
+    """A file that becomes `path` when the block ends; what was written of it goes when the block raises."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:  # on a full disk half a file would take the room that the next try needs
+        temporary.unlink(missing_ok=True)
+        raise
     fsync_directory(path.parent)
 
 

@@ -2,7 +2,8 @@
 
 import time
 from collections import Counter
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ def run(
     make = partial(Collector, config, out, dataset, actor)
     results = []
     episodes = collect_episodes(make, plans, min(config.collect.workers, len(plans)))
-    with progress.task("collect", total=len(plans)) as task, closing(episodes):
+    with progress.task("collect", total=len(plans)) as task, closing(episodes), _ended_by_request(progress):
         for result in episodes:
             results.append(result)
             task.advance()
@@ -51,6 +52,17 @@ def run(
         make_durable(out / "episodes")
     _write_frames(results, config, out)
     return _summary(results) | {"wall_time_s": time.monotonic() - started}
+
+
+@contextmanager
+def _ended_by_request(progress: Progress) -> Iterator[None]:
+    """A supervisor's SIGTERM goes to the workers too: that they died is no failure then."""
+    try:
+        yield
+    except MachineError as error:
+        if progress.stopping():
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _write_frames(results: list[EpisodeResult], config: CollectStageConfig, out: Path) -> None:

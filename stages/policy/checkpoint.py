@@ -50,14 +50,17 @@ def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, in
     directory = out / "checkpoints" / position.name
     temporary = out / "checkpoints" / f".{position.name}.tmp"
     shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    save_file(
-        {name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}, temporary / "td3.safetensors"
-    )
-    remembered = Remembered(position.episodes, position.final, counts)
-    write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
-    shutil.rmtree(directory, ignore_errors=True)
-    temporary.replace(directory)
+    try:
+        temporary.mkdir(parents=True)
+        tensors = {name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}
+        save_file(tensors, temporary / "td3.safetensors")
+        remembered = Remembered(position.episodes, position.final, counts)
+        write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
+        shutil.rmtree(directory, ignore_errors=True)
+        temporary.replace(directory)
+    except BaseException:  # on a full disk half of it would take the room that the next try needs
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
     fsync_directory(directory.parent)
     for old in available(out)[:-KEPT]:
         shutil.rmtree(out / "checkpoints" / old.name)

@@ -1,6 +1,7 @@
 """Parts of a group trained side by side, each in a process of its own."""
 
 import multiprocessing
+import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -81,7 +82,7 @@ class _Child:
         self._stop = context.Event()
         arguments = (theirs, self._stop, index, part, estimator, share)
         self._process = context.Process(target=_serve, args=arguments, name=f"train-{part[0].run_id}")
-        with interrupts_ignored():
+        with interrupts_ignored(signal.SIGTERM):  # a supervisor sends it to all; this process is told, or killed
             self._process.start()
         theirs.close()
 

@@ -9,16 +9,17 @@ from multiprocessing.connection import wait
 
 
 @contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    """Processes started in this block ignore Ctrl-C from their first instruction on.
+def interrupts_ignored(*also: signal.Signals) -> Iterator[None]:
+    """Processes started in this block ignore Ctrl-C, and what else is named, from their first instruction on.
 
     It reaches the whole process group, and the parent decides; a worker still importing would print a traceback.
     """
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, *also)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def available_cores() -> int:

@@ -73,7 +73,11 @@ def test_emptying_the_buffer_is_the_same_in_any_company(tmp_path: Path) -> None:
 
 def test_asked_to_stop_every_process_keeps_its_episodes(tmp_path: Path) -> None:
     class Stopping(Silent):
+        """Its SIGTERM went to every process, as a supervisor sends it."""
+
         def stopping(self) -> bool:
+            for process in multiprocessing.active_children():
+                process.terminate()
             return True
 
     config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
