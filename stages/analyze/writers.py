@@ -84,14 +84,17 @@ def _jsonable(value: Any) -> Any:
 
 
 def write_table(schema: pa.Schema, batches: Batches, stream: TextIO) -> int:
-    """Aligned columns; the first rows, and a note when there are more."""
+    """Aligned columns; the first rows, and a note when there are more. Text of several lines (EXPLAIN) stays whole."""
     shown: list[list[str]] = []
     rows = 0
     for batch in batches:
         part = batch.slice(0, max(0, TABLE_ROWS - len(shown)))
         shown.extend([_cell(value) for value in row] for row in zip(*_columns(part), strict=True))
         rows += batch.num_rows
-    _write_aligned(schema, shown, stream)
+    if any("\n" in cell for row in shown for cell in row):
+        stream.writelines(f"{name}:\n{cell}\n" for row in shown for name, cell in zip(schema.names, row, strict=True))
+    else:
+        _write_aligned(schema, shown, stream)
     if rows > TABLE_ROWS:
         stream.write(f"… {rows - TABLE_ROWS:,} more rows of {rows:,}: use --format csv, json or parquet for all\n")
     return rows
@@ -120,7 +123,7 @@ def _is_number(kind: pa.DataType) -> bool:
 
 def _cell(value: Any) -> str:
     text = _shown(value)
-    return text if len(text) <= CELL_WIDTH else text[: CELL_WIDTH - 1] + "…"
+    return text if len(text) <= CELL_WIDTH or "\n" in text else text[: CELL_WIDTH - 1] + "…"
 
 
 def _shown(value: Any) -> str:

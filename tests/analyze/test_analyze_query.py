@@ -127,6 +127,11 @@ def test_errors_point_at_the_spot(root: Path, sql: str, message: str, mark: str)
     assert mark in str(error.value)
 
 
+def test_a_plan_is_shown_whole(root: Path) -> None:
+    shown = answer(root, "EXPLAIN SELECT scheme, avg(seed) FROM runs GROUP BY scheme", "table")
+    assert "explain_value:" in shown and "╰──" in shown and "…" not in shown
+
+
 def test_damage_found_while_reading_is_an_artifact_error(root: Path) -> None:
     run = write_run(root, seed=2, status="running")
     part = run / "transitions" / "part-00001.parquet"
