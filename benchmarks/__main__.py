@@ -24,6 +24,7 @@ BENCHMARKS = {
     "log": "share of training time spent on logging, bytes per transition",
     "query": "six analyst questions over ten million transitions",
     "afterwards": "an episode viewed and replayed, a study of 36 runs analysed",
+    "crash": "SIGKILL at random moments of every stage, resumed, compared with the uninterrupted one",
 }
 
 
@@ -46,6 +47,7 @@ def main(name: str, as_json: bool, out: Path | None, quick: bool) -> None:
     log          what logging costs
     query        questions over ten million transitions
     afterwards   view, replay, analysis
+    crash        kill and resume
 
     Close other programs first. What is compared with the public packages needs `make bench`.
     """
