@@ -8,7 +8,8 @@ import click
 from pipeline.commands.options import Place, place_options
 
 if TYPE_CHECKING:
-    from stages.replay.reestimate import Eye
+    from stages.replay.proof import ReplayResult
+    from stages.replay.reestimate import Eye, WhatIf
 
 
 @click.command(
@@ -74,7 +75,6 @@ def replay(
     """
     from pipeline.artifacts.inputs import load, resolve
     from pipeline.machine import require_gl, require_sim
-    from pipeline.output import console, print_json
     from schemas.errors import ConfigError
 
     if failure == (episode is not None):
@@ -103,6 +103,12 @@ def replay(
     else:
         result = resimulate(path, split, episode)
         result.require_identical()
+    _show(options, result, what_if, save)
+
+
+def _show(options: Place, result: "ReplayResult", what_if: "WhatIf | None", save: Path | None) -> None:
+    from pipeline.output import console, print_json
+
     if options.as_json:
         found = {"what_if": what_if.as_dict() if what_if else None, "saved": str(save) if save else None}
         print_json(result.as_dict() | found)
