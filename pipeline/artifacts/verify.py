@@ -10,7 +10,7 @@ from typing import Literal
 from pipeline.artifacts.inputs import load
 from pipeline.artifacts.manifests import MANIFEST, file_sha256, manifest_sha256
 from pipeline.artifacts.names import artifact_path
-from schemas.errors import ArtifactError, PipelineError
+from schemas.errors import PipelineError
 from schemas.manifest import FileRef, Manifest
 from schemas.progress import Progress
 
@@ -95,7 +95,7 @@ def _inputs(root: Path, manifest: Manifest) -> list[str]:
     for reference in manifest.inputs:
         try:
             now = manifest_sha256(artifact_path(root, reference.id))
-        except (OSError, ArtifactError):
+        except (OSError, PipelineError):  # gone, or named as nothing can be
             remarks.append(f"its input {reference.id} is gone")
             continue
         if now != reference.manifest_sha256:

@@ -40,7 +40,7 @@ def verify(options: Place, artifacts: tuple[str, ...]) -> None:
             note(f"nothing under {options.data} yet: `pipeline run demo` makes the first artifacts")
         made = table("artifact", "status", "#files", "#size", "found")
         for each in found:
-            said = "; ".join((*each.problems, *each.remarks)) or ("ok" if each.files else "being written")
+            said = "; ".join((*each.problems, *each.remarks)) or ("being written" if each.status == "running" else "ok")
             made.add_row(each.id, each.status, f"{each.files:,}", size(each.bytes), said)
         if found:
             console().print(made)
