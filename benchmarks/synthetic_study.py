@@ -93,7 +93,7 @@ class _Run:
         self.log = RunLog(spec, observation_dim(spec.config.proprioception), self.actions)
 
     def write(self) -> None:
-        """Training with its evaluations, then the final evaluation, in one part as if merged."""
+        """Training with its evaluations, then the final evaluation."""
         config = self.spec.config
         for done in range(1, config.episodes + 1):
             self._episode("train", done - 1, done - 1)

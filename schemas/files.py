@@ -1,16 +1,21 @@
 """Files that are whole or absent, and where they lie."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from schemas.errors import ArtifactError
+
+T = TypeVar("T")
 _DICTIONARY = ("misalignment_deg", "seed", "episode")
 """Numbers that repeat over whole episodes and that questions group by."""
+CHECKED = {"page_checksum_verification": True}
+"""How pyarrow reads: a flipped bit would be another number."""
 _LIST_LEVEL = 6
 """Of brotli for lists of floats: its contexts see that every row repeats the numbers of the one before, nearly."""
 
@@ -46,7 +51,29 @@ def parquet_settings(schema: pa.Schema) -> dict[str, Any]:
         "column_encoding": encoding or None,
         "compression": compression or "zstd",
         "compression_level": levels or None,
+        "write_page_checksum": True,
     }
+
+
+def read_parquet(path: Path, columns: list[str] | None = None, missing: str | None = None) -> pa.Table:
+    """The table of a file, or some of its columns; its checksums are verified.
+
+    Raises:
+        ArtifactError: it is missing (`missing` says what that means), or not what was written.
+    """
+    if not path.is_file():
+        meaning = f"{missing}: there is no {path}" if missing else f"there is no {path}: restore it or make it again"
+        raise ArtifactError(meaning)
+    return reading(path, lambda: pq.read_table(path, columns=columns, partitioning=None, **CHECKED))
+
+
+def reading(path: Path, read: Callable[[], T]) -> T:
+    """What `read` returns, which reads from `path`; ArtifactError where that is damaged."""
+    try:
+        return read()
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise ArtifactError(f"{path} is damaged or not Parquet ({reason}): restore it or make it again") from error
 
 
 def write_bytes(data: bytes, path: Path) -> None:
@@ -78,6 +105,11 @@ def fsync_directory(directory: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def transition_parts(run: Path) -> list[Path]:
+    """The files of a run's transitions, in order."""
+    return sorted((run / "transitions").glob("part-*.parquet"))
 
 
 def failure_path(run: Path) -> Path:

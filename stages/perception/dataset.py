@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-import pyarrow as pa
-import pyarrow.parquet as pq
 from PIL import Image
 
 from schemas.datasets import FrameRef
 from schemas.errors import ArtifactError, MachineError
+from schemas.files import read_parquet
 from schemas.manifest import MANIFEST, Manifest, read_manifest
 from schemas.mcap_files import read_messages
 from schemas.mcap_topics import CAMERA_IMAGE
@@ -90,10 +89,7 @@ def _dataset_manifest(dataset: Path) -> Manifest:
 
 
 def _read_table(file: Path) -> pl.DataFrame:
-    try:
-        stored = pq.read_table(file)
-    except (OSError, pa.ArrowException) as error:
-        raise ArtifactError(f"{file}: missing, damaged or no table of frames; collect the dataset again") from error
+    stored = read_parquet(file)
     if missing := sorted(set(FRAMES.names) - set(stored.column_names)):
         raise ArtifactError(f"{file}: lacks columns {', '.join(missing)}")
     table = pl.DataFrame(pl.from_arrow(stored))

@@ -1,5 +1,6 @@
 """Checkpoints of a run: its networks and where it stood. Each is a directory that is whole or absent."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Mapping
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors import torch as tensors_io
 from torch import Tensor
 
 from schemas.errors import ArtifactError
@@ -37,6 +38,7 @@ class Remembered:
     episodes: int
     final: int
     counts: dict[str, int]  # of the log
+    sha256: str  # of the networks and of the above: a flipped bit would be another number
 
 
 def available(out: Path) -> list[Position]:
@@ -53,8 +55,9 @@ def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, in
     try:
         temporary.mkdir(parents=True)
         tensors = {name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}
-        save_file(tensors, temporary / "td3.safetensors")
-        remembered = Remembered(position.episodes, position.final, counts)
+        data = tensors_io.save(tensors)
+        remembered = Remembered(**asdict(position), counts=counts, sha256=_seal(data, position, counts))
+        write_bytes(data, temporary / "td3.safetensors")
         write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
         shutil.rmtree(directory, ignore_errors=True)
         temporary.replace(directory)
@@ -74,10 +77,14 @@ def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
     """
     directory = out / "checkpoints" / position.name
     try:
-        saved = load_file(directory / "td3.safetensors")
+        data = (directory / "td3.safetensors").read_bytes()
+        remembered = Remembered(**json.loads((directory / "state.json").read_bytes()))
+        if remembered.sha256 != _seal(data, position, remembered.counts):
+            raise ValueError("it is not what was written")
+        saved = tensors_io.load(data)
         for name, rows in _tensors(td3).items():
             rows[row].copy_(saved[name])
-        return Remembered(**json.loads((directory / "state.json").read_bytes()))
+        return remembered
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
         raise ArtifactError(f"checkpoint {directory} cannot be read ({error}); remove it to resume earlier") from error
 
@@ -100,7 +107,7 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     }
     directory = out / "checkpoints"
     directory.mkdir(exist_ok=True)
-    save_file(tensors, directory / "policy.safetensors")
+    write_bytes(tensors_io.save(tensors), directory / "policy.safetensors")
     write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
     for position in available(out):
         shutil.rmtree(directory / position.name)
@@ -112,6 +119,10 @@ def published(out: Path) -> dict[str, Any] | None:
         return json.loads((out / "checkpoints" / "policy.json").read_bytes())["summary"]
     except (OSError, ValueError, KeyError):
         return None
+
+
+def _seal(data: bytes, position: Position, counts: dict[str, int]) -> str:
+    return hashlib.sha256(data + json.dumps([asdict(position), counts], sort_keys=True).encode()).hexdigest()
 
 
 def _tensors(td3: TD3) -> dict[str, Tensor]:

@@ -78,7 +78,7 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
             if spec.config.td3.behaviour_cloning is not None:
                 td3.standardise(row, *buffer.standardise(row))
         if position == START:
-            log.restore({"parts": 0, "episodes": 0, "evaluations": 0, "updates": 0})
+            log.restore({"episodes": 0, "evaluations": 0, "updates": 0})
             continue
         log.restore(checkpoint.load(spec.out, position, td3, row).counts)
         if not spec.sources:
@@ -157,8 +157,8 @@ class Schedule:
 def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
     spec, log, error = lockstep.specs[row], lockstep.logs[row], lockstep.errors[row]
     summary = _summary(lockstep, spec, log)
+    log.flush()
     if error is not None:
-        log.flush()  # its parts stay as its checkpoints count them: it may be resumed
         return RunResult(spec.run_id, "failed", summary, error)
     description = {
         "task": spec.task,
@@ -168,7 +168,6 @@ def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:
         "action_dim": td3.actor_net.sizes[-1],
         "summary": summary,
     }
-    log.finish()
     checkpoint.publish(spec.out, td3, row, description)
     return RunResult(spec.run_id, "complete", summary)
 

@@ -1,24 +1,20 @@
 """The Parquet logs of one run (SPEC §5): transitions in parts, episodes, evaluations, updates."""
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from schemas import tables
 from schemas.arrays import constant, to_arrow, to_numpy
 from schemas.errors import ArtifactError
-from schemas.files import failure_path, fsync_directory, write_parquet
+from schemas.files import failure_path, read_parquet, write_parquet
 from stages.policy.config import RunSpec
+from stages.policy.parts import Parts
 
 _TABLES = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
-PART_ROWS = 200_000
-"""Rows that a finished run's parts have at least, but for the last: opening a file takes as long as reading 50,000."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +42,9 @@ class RunLog:
             "seed": spec.seed,
         }
         self._pending: list[tuple[EpisodeHead, dict[str, np.ndarray]]] = []
-        self._parts = 0
+        self._parts = Parts(spec.out, self._schema)
         self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
         self._tables: dict[str, pa.Table] = {name: schema.empty_table() for name, schema in _TABLES.items()}
-        self._directory.mkdir(exist_ok=True)
 
     def add_transitions(self, head: EpisodeHead, columns: dict[str, np.ndarray]) -> None:
         """One episode's transitions; `columns` as `EpisodeColumns.of_run` gives them."""
@@ -77,12 +72,11 @@ class RunLog:
         write_parquet(episodes, out / "episodes.parquet")
 
     def flush(self) -> None:
-        """Write what was added since the last time."""
+        """Write what was added since the last time, transitions first: no episode is told of that has none."""
         news = [name for name, table in self._tables.items() if len(self._rows[name]) > table.num_rows]
         if self._pending:
-            path = self._directory / f"part-{self._parts:05d}.parquet"
-            write_parquet(_transitions_table(self._schema, self._identity, self._pending), path)
-            self._pending, self._parts = [], self._parts + 1
+            self._parts.append(_transitions_table(self._schema, self._identity, self._pending))
+            self._pending = []
         for name in news:
             self._extend(name)
         for name, table in self._tables.items():
@@ -90,14 +84,9 @@ class RunLog:
             if name in news or not path.exists():
                 write_parquet(table, path)
 
-    def finish(self) -> None:
-        """The run is over: write what is left, and merge its parts."""
-        self.flush()
-        self._merge_parts()
-
     def counts(self) -> dict[str, int]:
         """How much is on disk, for a checkpoint to remember."""
-        return {"parts": self._parts, **{name: len(rows) for name, rows in self._rows.items()}}
+        return {name: len(rows) for name, rows in self._rows.items()}
 
     def restore(self, counts: dict[str, int]) -> None:
         """Go back to what a checkpoint remembered: anything later is written again by the resumed run.
@@ -105,46 +94,23 @@ class RunLog:
         Raises:
             ArtifactError: less is on disk than the checkpoint remembers.
         """
-        self._undo_unfinished_merge()
         shutil.rmtree(failure_path(self._out), ignore_errors=True)  # it goes on from before that
-        for path in self._paths()[counts["parts"] :]:
-            path.unlink()
-        self._parts = counts["parts"]
         for name in _TABLES:
-            path = self._out / f"{name}.parquet"
-            rows = _read(path).drop_columns(list(self._identity)).to_pylist() if counts[name] else []
-            if len(rows) < counts[name]:
-                raise ArtifactError(f"{path} has {len(rows)} rows, its checkpoint {counts[name]}: the run is damaged")
-            self._rows[name], self._tables[name] = rows[: counts[name]], _TABLES[name].empty_table()
-            path.unlink(missing_ok=True)
+            path, count = self._out / f"{name}.parquet", counts[name]
+            rows = read_parquet(path).drop_columns(list(self._identity)).to_pylist() if count else []
+            if len(rows) < count:
+                raise ArtifactError(f"{path} has {len(rows)} rows, its checkpoint {count}: the run is damaged")
+            self._rows[name], self._tables[name] = rows[:count], _TABLES[name].empty_table()
             self._extend(name)
             write_parquet(self._tables[name], path)
-        self._check_transitions()
-
-    def _check_transitions(self) -> None:
-        """The parts hold the steps of the episodes, no more and no less."""
-        steps = sum(row["length"] for row in self._rows["episodes"])
-        found = sum(pq.read_metadata(path).num_rows for path in self._paths())
-        if found != steps:
-            raise ArtifactError(
-                f"{self._directory} holds {found} transitions, its episodes have {steps}: "
-                "the run is damaged; remove it and train again"
-            )
+        self._parts.keep(sum(row["length"] for row in self._rows["episodes"]))
 
     def training_transitions(self) -> dict[str, np.ndarray]:
         """The training rows on disk, in order: the source of the replay buffer on resume."""
         columns = ["observation", "action", "reward_used", "reward_sparse", "next_observation", "terminated", "episode"]
-        parts = [_read(path) for path in self._paths()]
-        table = pa.concat_tables(parts) if parts else self._schema.empty_table()
+        table = pa.concat_tables([self._schema.empty_table(), *self._parts.read()])
         table = table.filter(pa.compute.equal(table["split"].cast(pa.string()), "train")).select(columns)
         return {name: to_numpy(table[name]) for name in columns}
-
-    @property
-    def _directory(self) -> Path:
-        return self._out / "transitions"
-
-    def _paths(self) -> list[Path]:
-        return sorted(self._directory.glob("part-*.parquet"))
 
     def _extend(self, name: str) -> None:
         """Bring a table up to its rows: only the new ones are converted."""
@@ -152,56 +118,6 @@ class RunLog:
         new = [self._identity | row for row in self._rows[name][table.num_rows :]]
         joined = pa.concat_tables([table, pa.Table.from_pylist(new, schema=table.schema)])
         self._tables[name] = joined.unify_dictionaries().combine_chunks()
-
-    def _merge_parts(self) -> None:
-        """Put the parts of a run that is over into few files: a study is then queried in a tenth of the time.
-
-        Written beside, then swapped; a kill in between is undone by `restore`.
-        """
-        merged, parts = self._out / ".transitions.tmp", self._out / ".transitions.parts"
-        shutil.rmtree(merged, ignore_errors=True)
-        if len(self._paths()) < 2:
-            return
-        merged.mkdir()
-        for number, table in enumerate(_regrouped(self._paths())):
-            write_parquet(table, merged / f"part-{number:05d}.parquet")
-        self._directory.rename(parts)
-        merged.rename(self._directory)
-        fsync_directory(self._out)
-        parts.rename(merged)  # from here on the merged parts count
-        shutil.rmtree(merged)
-
-    def _undo_unfinished_merge(self) -> None:
-        parts = self._out / ".transitions.parts"
-        if parts.exists():
-            shutil.rmtree(self._directory, ignore_errors=True)
-            parts.rename(self._directory)
-        shutil.rmtree(self._out / ".transitions.tmp", ignore_errors=True)
-
-
-def _regrouped(paths: list[Path]) -> Iterator[pa.Table]:
-    """Whole episodes in tables of `PART_ROWS` rows or a little more, the same wherever the parts were cut."""
-    rest = _read(paths[0]).slice(0, 0)
-    for path in paths:
-        rest = pa.concat_tables([rest, _read(path)]).unify_dictionaries()
-        while rest.num_rows >= PART_ROWS:
-            starts = np.flatnonzero(rest["step"].to_numpy() == 0)
-            ends = np.append(starts[1:], rest.num_rows)
-            cut = int(ends[np.searchsorted(ends, PART_ROWS)])
-            yield _with_own_words(rest.slice(0, cut))
-            rest = rest.slice(cut)
-    if rest.num_rows:
-        yield _with_own_words(rest)
-
-
-def _with_own_words(table: pa.Table) -> pa.Table:
-    """Without the words of other rows in its dictionaries."""
-    columns = []
-    for column, field in zip(table.columns, table.schema, strict=True):
-        if pa.types.is_dictionary(field.type):
-            column = column.cast(field.type.value_type).combine_chunks().dictionary_encode().cast(field.type)
-        columns.append(column)
-    return pa.Table.from_arrays(columns, schema=table.schema).combine_chunks()
 
 
 def _transitions_table(
@@ -241,12 +157,3 @@ def _words(values: list[str], lengths: np.ndarray) -> pa.Array:
     known = list(dict.fromkeys(values))
     codes = np.array([known.index(value) for value in values], np.int32)
     return pa.DictionaryArray.from_arrays(pa.array(np.repeat(codes, lengths), pa.int32()), pa.array(known))
-
-
-def _read(path: Path) -> pa.Table:
-    try:
-        return pq.read_table(path, partitioning=None)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise ArtifactError(
-            f"{path} cannot be read ({error}); the run is damaged: remove it and train again"
-        ) from error

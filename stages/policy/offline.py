@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from schemas.arrays import to_numpy
 from schemas.errors import ArtifactError
+from schemas.files import read_parquet, transition_parts
 from stages.policy.replay_buffer import ReplayBuffer
 
 _COLUMNS = ("observation", "action", "reward_used", "reward_sparse", "next_observation", "terminated")
@@ -43,7 +43,7 @@ def fill(buffer: ReplayBuffer, row: int, sources: Sequence[Path]) -> None:
 def _parts(sources: Sequence[Path]) -> list[Path]:
     found = []
     for source in sources:
-        parts = sorted((source / "transitions").glob("part-*.parquet"))
+        parts = transition_parts(source)
         if not parts:
             raise ArtifactError(f"{source} has no transitions/part-*.parquet to learn from")
         found += parts
@@ -51,8 +51,5 @@ def _parts(sources: Sequence[Path]) -> list[Path]:
 
 
 def _training(path: Path, columns: list[str]) -> pa.Table:
-    try:
-        table = pq.read_table(path, columns=[*columns, "split"], partitioning=None)
-    except (OSError, pa.ArrowException) as error:
-        raise ArtifactError(f"{path} cannot be read ({error}): restore it or make it again") from error
+    table = read_parquet(path, [*columns, "split"])
     return table.filter(pc.equal(table["split"].cast(pa.string()), "train"))

@@ -12,10 +12,12 @@ import pyarrow.parquet as pq
 
 from schemas.arrays import to_numpy
 from schemas.errors import ArtifactError
-from schemas.files import failure_path
+from schemas.files import CHECKED, failure_path, read_parquet, reading, transition_parts
 from schemas.manifest import Manifest, read_manifest
 from schemas.tables import EPISODES, transitions
-from stages.replay.parquet import check_schema, read_parquet, reading
+from stages.replay.parquet import check_schema
+
+_FORMAT = ds.ParquetFileFormat(default_fragment_scan_options=ds.ParquetFragmentScanOptions(**CHECKED))
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def read_episodes(run_dir: Path) -> pa.Table:
         ArtifactError: it is missing, damaged or of another schema.
     """
     path = run_dir / "episodes.parquet"
-    table = read_parquet(path, f"{run_dir} has logged no episode yet")
+    table = read_parquet(path, missing=f"{run_dir} has logged no episode yet")
     check_schema(table.schema, EPISODES, path)
     return table
 
@@ -123,13 +125,13 @@ def _available(table: pa.Table) -> str:
 
 
 def _transitions(run_dir: Path, split: str, episode: int) -> dict[str, np.ndarray]:
-    parts = sorted((run_dir / "transitions").glob("part-*.parquet"))
+    parts = transition_parts(run_dir)
     if not parts:
         raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: the run was logged elsewhere or cut short")
     wanted = (ds.field("split").cast(pa.string()) == split) & (ds.field("episode") == episode)
     for part in parts:
         check_part(part)
-        table = reading(part, partial(ds.dataset(part, format="parquet").to_table, filter=wanted))
+        table = reading(part, partial(ds.dataset(part, format=_FORMAT).to_table, filter=wanted))
         if table.num_rows:
             return columns(table.sort_by("step"))
     raise ArtifactError(f"{run_dir}: episodes.parquet names {split} episode {episode}, but no transitions part has it")

@@ -1,39 +1,10 @@
-"""Reads Parquet files of artifacts: what is wrong with one is said in a sentence."""
+"""Whether a Parquet file has the columns that it should."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from schemas.errors import ArtifactError
-
-T = TypeVar("T")
-
-
-def read_parquet(path: Path, missing: str) -> pa.Table:
-    """The whole file.
-
-    Raises:
-        ArtifactError: it is missing (the message begins with `missing`) or damaged.
-    """
-    if not path.is_file():
-        raise ArtifactError(f"{missing}: there is no {path}")
-    return reading(path, lambda: pq.read_table(path))
-
-
-def reading(path: Path, read: Callable[[], T]) -> T:
-    """What `read` returns, which reads from `path`.
-
-    Raises:
-        ArtifactError: the file is damaged.
-    """
-    try:
-        return read()
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise ArtifactError(f"{path} is damaged or not Parquet ({reason}): restore it or make it again") from error
 
 
 def check_schema(found: pa.Schema, expected: pa.Schema, path: Path) -> None:

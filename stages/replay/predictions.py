@@ -9,9 +9,10 @@ import pyarrow as pa
 
 from schemas import mcap_topics
 from schemas.errors import ArtifactError
+from schemas.files import read_parquet
 from schemas.mcap_files import read_messages
 from schemas.tables import FRAMES, PREDICTIONS
-from stages.replay.parquet import check_schema, read_parquet
+from stages.replay.parquet import check_schema
 from stages.sim.camera import CameraPose, Intrinsics
 
 _TOPICS = (mcap_topics.CAMERA_IMAGE, mcap_topics.CAMERA_CALIBRATION, mcap_topics.TF, mcap_topics.CUBE_POSE)
@@ -50,7 +51,7 @@ def load_predictions(estimator: Path) -> tuple[Predictions, dict[str, float]]:
         ArtifactError: there are none, or they are damaged.
     """
     path = estimator / "predictions.parquet"
-    table = read_parquet(path, f"estimator {estimator.name} has no predictions yet")
+    table = read_parquet(path, missing=f"estimator {estimator.name} has no predictions yet")
     check_schema(table.schema, PREDICTIONS, path)
     kind = np.array(table["misalignment_kind"].to_pylist(), dtype=str)
     degrees, error = table["misalignment_deg"].to_numpy(), table["error"].to_numpy()
@@ -113,7 +114,7 @@ def load_frames(dataset: Path, episodes: np.ndarray, steps: np.ndarray) -> list[
 def _places(dataset: Path, wanted: set[tuple[int, int]]) -> dict[tuple[int, int], tuple[str, int]]:
     """(episode, step) → (file, time [ns])."""
     path = dataset / "frames.parquet"
-    table = read_parquet(path, f"dataset {dataset.name} is gone or not complete")
+    table = read_parquet(path, missing=f"dataset {dataset.name} is gone or not complete")
     check_schema(table.schema, FRAMES, path)
     columns = (table[name].to_pylist() for name in ("episode", "step", "file", "time_ns"))
     places = {(e, s): (file, time) for e, s, file, time in zip(*columns, strict=True) if (e, s) in wanted}

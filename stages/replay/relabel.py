@@ -14,17 +14,15 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from schemas.arrays import constant, to_arrow
 from schemas.errors import ArtifactError, ConfigError
-from schemas.files import write_parquet
+from schemas.files import read_parquet, transition_parts, write_parquet
 from schemas.manifest import Manifest, read_manifest
 from schemas.progress import Progress, Task
 from stages.replay import relabelling
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
 from stages.replay.observer import Observer, ReplaceCube
-from stages.replay.parquet import reading
 from stages.replay.reestimate import Eye
 from stages.replay.relabelling import Rows
 
@@ -66,7 +64,7 @@ def relabel(run_dir: Path, labels: Labels, out: Path, progress: Progress) -> dic
     manifest, episodes = read_manifest(run_dir), read_episodes(run_dir)
     check_possible(manifest, labels.scheme, labels.eye is not None)
     source = _Source(run_dir, manifest, {(row["split"], row["episode"]): row for row in episodes.to_pylist()})
-    parts = sorted((run_dir / "transitions").glob("part-*.parquet"))
+    parts = transition_parts(run_dir)
     if not parts:
         raise ArtifactError(f"{run_dir} has no transitions/part-*.parquet: there is nothing to label")
     (out / "transitions").mkdir(exist_ok=True)
@@ -95,7 +93,7 @@ def check_possible(manifest: Manifest, scheme: str, estimated_again: bool) -> No
 def _relabelled(source: _Source, part: Path, labels: Labels, task: Task) -> pa.Table:
     """One part with its new labels."""
     check_part(part)
-    table = reading(part, lambda: pq.read_table(part))
+    table = read_parquet(part)
     changed: list[Rows] = []
     with ExitStack() as stack:
         observer = Observer(labels.scheme, labels.eye, labels.replace_cube, stack)
@@ -151,8 +149,8 @@ _SUMMED = ("reward_dense_est", "reward_used", "estimation_error")
 def _summed(out: Path) -> pa.Table:
     """What sums and means are taken of, of all parts."""
     names = ["split", "episode", "step", "phase", *_SUMMED]
-    parts = sorted((out / "transitions").glob("part-*.parquet"))
-    return pa.concat_tables([pq.read_table(part, columns=names, partitioning=None) for part in parts])
+    parts = transition_parts(out)
+    return pa.concat_tables([read_parquet(part, names) for part in parts])
 
 
 def _episodes(episodes: pa.Table, rows: pa.Table, labels: Labels) -> pa.Table:

@@ -12,6 +12,6 @@ def test_outcome() -> None:
     assert size.value > 100, "the numbers of a transition do not fit into that"
     assert outcome.figures["transitions"] == 2 * 10 * 4  # runs × steps × (two training, an evaluation, a final episode)
     assert {part.name for part in outcome.parts} == {
-        f"log ({name})" for name in ("set", "of_run", "add_transitions", "flush", "add", "_merge_parts")
+        f"log ({name})" for name in ("set", "of_run", "add_transitions", "flush", "add")
     }
     assert RunLog.flush is flush

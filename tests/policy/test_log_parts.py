@@ -1,6 +1,8 @@
-"""The parts of a run's log: merged when it is over, whole after a kill, encoded as its columns need."""
+"""The parts of a run's log: whole at any moment, the same wherever a run was stopped, encoded as its columns need."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -8,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from schemas import tables
+from schemas.errors import ArtifactError
 from schemas.files import write_parquet
-from stages.policy import log as log_module
+from stages.policy import parts as parts_module
 from stages.policy.config import RunConfig, RunSpec
 from stages.policy.episode import EpisodeColumns
 from stages.policy.log import EpisodeHead, RunLog
@@ -41,37 +44,28 @@ def _write(spec: RunSpec, parts: int = 4) -> RunLog:
 
 
 def _paths(spec: RunSpec) -> list[Path]:
-    return sorted((spec.out / "transitions").iterdir())
+    return sorted((spec.out / "transitions").glob("part-*"))
 
 
 def _rows(spec: RunSpec) -> list[dict]:
     return pa.concat_tables(map(pq.read_table, _paths(spec))).to_pylist()
 
 
-def test_parts_of_a_run_that_is_over_are_merged(spec: RunSpec, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At least so many rows in each but the last; the rows are those there were, in their order."""
-    monkeypatch.setattr(log_module, "PART_ROWS", 3 * STEPS)
-    log = _write(spec, parts=5)
-    before = _rows(spec)
-    assert len(_paths(spec)) == 5
-    log.finish()
+def test_parts_grow_to_their_size(spec: RunSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At least so many rows in each but the last; the rows are those that were added, in their order."""
+    monkeypatch.setattr(parts_module, "PART_ROWS", 3 * STEPS)
+    _write(spec, parts=5)
     assert [path.name for path in _paths(spec)] == [f"part-{number:05d}.parquet" for number in range(4)]
     assert [pq.read_metadata(path).num_rows for path in _paths(spec)] == [15, 15, 15, 5]
-    assert _rows(spec) == before
-    assert [path.name for path in spec.out.iterdir() if path.name.startswith(".")] == []
-    merged = [path.read_bytes() for path in _paths(spec)]
-    log.finish()
-    assert [path.read_bytes() for path in _paths(spec)] == merged
+    assert [row["episode"] for row in _rows(spec)] == [episode for episode in range(10) for _ in range(STEPS)]
 
 
-@pytest.mark.parametrize("cuts", [{0}, {1, 2}, {3, 4, 5}, {6}])
-def test_where_the_parts_were_cut_does_not_show(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: set[int]
-) -> None:
-    """A run that was stopped has a part more: it ends with the bytes of one that was not."""
-    monkeypatch.setattr(log_module, "PART_ROWS", 3 * STEPS)
+@pytest.mark.parametrize("cuts", [set(), {1, 2}, {3, 4, 5}, {0, 6}])
+def test_when_it_was_written_does_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: set[int]) -> None:
+    """A run that was stopped was written once more: it ends with the bytes of one that was not."""
+    monkeypatch.setattr(parts_module, "PART_ROWS", 3 * STEPS)
     found = []
-    for name, flushed in (("whole", {1, 3, 5}), ("stopped", {1, 3, 5} | cuts)):
+    for name, flushed in (("whole", {1, 3, 5, 7}), ("stopped", {7} | cuts)):
         spec = RunSpec("t/cell", "reach", "dense", "pan", 0.0, 0, WorldConfig(), RunConfig(), tmp_path / name)
         spec.out.mkdir()
         log = RunLog(spec, 24, 7)
@@ -79,35 +73,59 @@ def test_where_the_parts_were_cut_does_not_show(
             _add(log, "eval" if episode > 5 else "train", episode)
             if episode in flushed:
                 log.flush()
-        log.finish()
         found.append({path.name: path.read_bytes() for path in _paths(spec)})
     assert found[0] == found[1] and len(found[0]) == 3
 
 
-@pytest.mark.parametrize("renames", [0, 1, 2])
-def test_a_kill_while_merging_loses_nothing(spec: RunSpec, monkeypatch: pytest.MonkeyPatch, renames: int) -> None:
+@pytest.mark.parametrize("episodes", range(9))
+def test_going_back_to_a_checkpoint(spec: RunSpec, monkeypatch: pytest.MonkeyPatch, episodes: int) -> None:
+    """Whatever was written after it goes; what is then written again makes the same bytes."""
+    monkeypatch.setattr(parts_module, "PART_ROWS", 3 * STEPS)
     log = _write(spec)
-    before, counts = _rows(spec), log.counts()
-    original, done = Path.rename, []
-
-    def killed(self: Path, target: Path) -> Path:
-        if len(done) == renames:
-            raise KeyboardInterrupt
-        done.append(target)
-        return original(self, target)
-
-    monkeypatch.setattr(Path, "rename", killed)
-    with pytest.raises(KeyboardInterrupt):
-        log.finish()
-    monkeypatch.undo()
+    before, whole = _rows(spec), {path.name: path.read_bytes() for path in _paths(spec)}
+    counts = log.counts() | {"episodes": episodes}
     resumed = RunLog(spec, 24, 7)
     resumed.restore(counts)
-    assert len(_paths(spec)) == 4
-    assert _rows(spec) == before
-    resumed.finish()
-    assert len(_paths(spec)) == 1
-    assert _rows(spec) == before
-    assert len(resumed.training_transitions()["episode"]) == 4 * STEPS
+    assert (_rows(spec) if episodes else []) == before[: STEPS * episodes]
+    assert len(_paths(spec)) == -(-episodes // 3), "no part is empty"
+    assert len(resumed.training_transitions()["episode"]) == -(-episodes // 2) * STEPS
+    for episode in range(episodes, 8):
+        _add(resumed, "eval" if episode % 2 else "train", episode)
+    resumed.flush()
+    assert {path.name: path.read_bytes() for path in _paths(spec)} == whole
+
+
+def test_fewer_transitions_than_episodes(spec: RunSpec) -> None:
+    log = _write(spec)
+    _paths(spec)[0].unlink()
+    with pytest.raises(ArtifactError, match=r"holds 0 transitions, its episodes have 40: the run is damaged"):
+        RunLog(spec, 24, 7).restore(log.counts())
+
+
+def test_readers_see_whole_episodes_at_any_moment(spec: RunSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the first to some later one, before and after every file that is written, renamed or removed."""
+    monkeypatch.setattr(parts_module, "PART_ROWS", 3 * STEPS)
+    seen: list[int] = []
+
+    def look() -> None:
+        steps = [(row["episode"], row["step"]) for path in _paths(spec) for row in pq.read_table(path).to_pylist()]
+        assert steps == [(episode, step) for episode in range(len(steps) // STEPS) for step in range(STEPS)]
+        seen.append(len(steps) // STEPS)
+
+    def looked_at(act: Callable[..., Any]) -> Callable[..., Any]:
+        def acting(*arguments: Any, **options: Any) -> Any:
+            look()
+            result = act(*arguments, **options)
+            look()
+            return result
+
+        return acting
+
+    monkeypatch.setattr(Path, "replace", looked_at(Path.replace))
+    monkeypatch.setattr(Path, "unlink", looked_at(Path.unlink))
+    log = _write(spec, parts=5)
+    RunLog(spec, 24, 7).restore(log.counts() | {"episodes": 1})
+    assert set(seen) == {0, 1, 2, 3, 4, 6, 8, 9, 10}  # 9: a part was full, the next not there yet
 
 
 def test_rows_of_a_part_are_its_episodes(spec: RunSpec) -> None:

@@ -9,6 +9,7 @@ from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.progress import Silent
 from stages.policy import checkpoint, train
 from stages.policy.checkpoint import Position
+from stages.policy.group import Schedule
 from stages.policy.loop import Lockstep
 from stages.policy.resources import Resources
 from stages.policy.td3 import TD3
@@ -131,6 +132,20 @@ class TestResume:
         directory.mkdir(parents=True)
         (directory / "td3.safetensors").write_bytes(b"not a checkpoint")
         with pytest.raises(ArtifactError, match="checkpoint .*000002-000000 cannot be read"):
+            trained([spec])
+
+    @pytest.mark.parametrize("file", ["td3.safetensors", "state.json"])
+    def test_one_digit_or_bit_of_a_checkpoint(self, tmp_path: Path, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        """It would be read as another weight, or as another number of rows."""
+        [spec] = run_specs(tmp_path, ("dense",))
+        monkeypatch.setattr(Schedule, "_final", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            trained([spec])
+        path = spec.out / "checkpoints" / checkpoint.available(spec.out)[-1].name / file
+        data = path.read_bytes()
+        at = data.rindex(b'}, "sha256"') - 1 if file == "state.json" else len(data) - 100
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+        with pytest.raises(ArtifactError, match="it is not what was written"):
             trained([spec])
 
 

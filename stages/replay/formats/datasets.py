@@ -11,11 +11,12 @@ from PIL import Image
 
 from schemas import mcap_topics
 from schemas.errors import ArtifactError, ConfigError
+from schemas.files import read_parquet
 from schemas.manifest import read_manifest
 from schemas.mcap_files import TOPICS, read_messages, read_metadata
 from schemas.tables import FRAMES
 from stages.replay.formats.episodes import ENVIRONMENT_STATE, IMAGE, STATE, Episode, Source
-from stages.replay.parquet import check_schema, read_parquet
+from stages.replay.parquet import check_schema
 
 SPLITS = ("train", "validation", "test")
 _CLOSED = 1.0  # the gripper's command; in reach it stays closed and is no part of the action
@@ -53,7 +54,7 @@ def dataset_source(dataset: Path, split: str | None, limit: int | None, images: 
 def _files(dataset: Path, split: str | None) -> list[tuple[str, str, int]]:
     """(file, split, episode) of every episode, in order."""
     path = dataset / "frames.parquet"
-    table = read_parquet(path, f"{dataset} has no table of frames")
+    table = read_parquet(path, missing=f"{dataset} has no table of frames")
     check_schema(table.schema, FRAMES, path)
     rows = table.select(["file", "split", "episode"]).to_pylist()
     found = dict.fromkeys((row["file"], row["split"], row["episode"]) for row in rows)

@@ -12,11 +12,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from schemas.errors import ArtifactError, ConfigError
+from schemas.files import CHECKED, reading, transition_parts
 from schemas.manifest import Manifest, read_manifest
 from stages.replay.formats.episodes import IMAGE, STATE, Episode, Source
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
 from stages.replay.onlooker import Onlooker, replayed
-from stages.replay.parquet import reading
 from stages.replay.simulate import scene_of
 
 SPLITS = ("train", "eval", "final")
@@ -57,7 +57,7 @@ def run_source(run_dir: Path, split: str | None, limit: int | None, images: bool
 def _logged(
     run_dir: Path, manifest: Manifest, summaries: dict[tuple[str, int], dict[str, Any]], split: str | None
 ) -> Iterator[LoggedEpisode]:
-    for part in sorted((run_dir / "transitions").glob("part-*.parquet")):
+    for part in transition_parts(run_dir):
         check_part(part)
         for table in _tables(part):
             key = str(table["split"][0]), int(table["episode"][0].as_py())
@@ -69,7 +69,7 @@ def _logged(
 
 def _tables(part: Path) -> Iterator[pa.Table]:
     """The episodes of a part, which holds whole ones."""
-    file = reading(part, lambda: pq.ParquetFile(part))
+    file = reading(part, lambda: pq.ParquetFile(part, **CHECKED))
     rest = file.schema_arrow.empty_table()
     batches = file.iter_batches(_ROWS_AT_ONCE)
     while (batch := reading(part, lambda: next(batches, None))) is not None:
