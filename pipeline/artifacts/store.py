@@ -21,8 +21,11 @@ from pipeline.artifacts.manifests import (
 )
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
-from schemas.files import fsync_directory
-from schemas.manifest import InputRef, Manifest
+from schemas.files import fsync_directory, write_bytes
+from schemas.manifest import InputRef, Manifest, parse_manifest
+
+BEFORE_REPAIR = ".manifest.before-repair.json"
+"""Beside the manifest of a damaged artifact that is to be made whole again: the one it had."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ class Build:
     def finish(self, summary: dict[str, Any]) -> Manifest:
         """List and hash the files, record the summary, publish."""
         self._close("complete", summary)
+        self._take_back_identity()
         if self.path != self._target:
             publish(self.path, self._target)
         return self._manifest
@@ -96,6 +100,17 @@ class Build:
         for leftover in self.path.rglob(".*.tmp"):
             leftover.unlink()
         self._record(status=status, summary=summary, files=list_files(self.path))
+
+    def _take_back_identity(self) -> None:
+        """What was damaged and is made again byte for byte is the artifact that others are made from."""
+        kept = self.path / BEFORE_REPAIR
+        if not kept.exists():
+            return
+        before = parse_manifest(kept.read_bytes(), kept)
+        if before.files == self._manifest.files:
+            write_bytes(kept.read_bytes(), self.path / MANIFEST)
+            self._manifest = before
+        kept.unlink()
 
     def _record(self, **changes: object) -> None:
         changed = self._manifest.model_copy(update=changes)
@@ -168,7 +183,8 @@ class Store:
     def _build(self, request: Request, manifest: Manifest | None, lock: ArtifactLock) -> Build:
         target = self.path(request.id)
         if manifest and not _replaceable(request.id):
-            running = manifest.model_copy(update={"status": "running", "code": code(), "environment": environment()})
+            begun = {"status": "running", "code": code(), "environment": environment(), "files": []}
+            running = manifest.model_copy(update=begun)
             write_manifest(running, target)
             return Build(running, target, target, lock, resumed=True)
         fresh = _new_manifest(request)

@@ -46,9 +46,9 @@ def verify(root: Path, ids: Sequence[str], progress: Progress) -> Iterator[Verdi
                 yield Verdict(each, "unreadable", 0, 0, (manifest,), ())
                 continue
             directory, problems = artifact_path(root, each), []
-            results = threads.map(partial(_problem, directory), manifest.files)
-            for file, problem in zip(manifest.files, results, strict=True):
-                problems += [problem] if problem else []
+            results = threads.map(partial(problem, directory), manifest.files)
+            for file, found_wrong in zip(manifest.files, results, strict=True):
+                problems += [found_wrong] if found_wrong else []
                 task.advance((done + file.bytes) // _UNIT - done // _UNIT)
                 done += file.bytes
             remarks = (*_unlisted(directory, manifest), *_inputs(root, manifest))
@@ -66,7 +66,8 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
         return str(error)
 
 
-def _problem(directory: Path, file: FileRef) -> str | None:
+def problem(directory: Path, file: FileRef) -> str | None:
+    """What is wrong with a file of the artifact in `directory`; None when it is what was written."""
     path = directory / file.path
     if not path.resolve().is_relative_to(directory.resolve()):
         return f"{file.path} leads out of the artifact"

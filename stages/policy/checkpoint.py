@@ -77,16 +77,29 @@ def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
     """
     directory = out / "checkpoints" / position.name
     try:
-        data = (directory / "td3.safetensors").read_bytes()
-        remembered = Remembered(**json.loads((directory / "state.json").read_bytes()))
-        if remembered.sha256 != _seal(data, position, remembered.counts):
-            raise ValueError("it is not what was written")
+        data, remembered = _unsealed(directory, position)
         saved = tensors_io.load(data)
         for name, rows in _tensors(td3).items():
             rows[row].copy_(saved[name])
         return remembered
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, SafetensorError) as error:
         raise ArtifactError(f"checkpoint {directory} cannot be read ({error}); remove it to resume earlier") from error
+
+
+def counts(out: Path, position: Position) -> dict[str, int] | None:
+    """How much of the log a checkpoint counts on; None where it is damaged."""
+    try:
+        return _unsealed(out / "checkpoints" / position.name, position)[1].counts
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _unsealed(directory: Path, position: Position) -> tuple[bytes, Remembered]:
+    data = (directory / "td3.safetensors").read_bytes()
+    remembered = Remembered(**json.loads((directory / "state.json").read_bytes()))
+    if remembered.sha256 != _seal(data, position, remembered.counts):
+        raise ValueError("it is not what was written")
+    return data, remembered
 
 
 def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) -> None:
@@ -111,6 +124,11 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
     for position in available(out):
         shutil.rmtree(directory / position.name)
+
+
+def unpublish(out: Path) -> None:
+    """The run is to go on, or begin anew: it has not ended."""
+    (out / "checkpoints" / "policy.json").unlink(missing_ok=True)
 
 
 def published(out: Path) -> dict[str, Any] | None:

@@ -1,0 +1,116 @@
+"""A damaged artifact becomes an unfinished one: what is whole stays, `--resume` makes the rest."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.artifacts.inputs import load
+from pipeline.artifacts.lock import ArtifactLock
+from pipeline.artifacts.manifests import MANIFEST, write_manifest
+from pipeline.artifacts.names import split_id
+from pipeline.artifacts.store import BEFORE_REPAIR, Store
+from pipeline.artifacts.verify import problem
+from schemas.errors import ConfigError
+from schemas.files import write_bytes
+from schemas.manifest import Manifest
+
+_ADDITIONS = ("recordings/", "failure/")
+"""What a run has besides its log and weights: it is whole without."""
+_THEN = {
+    "datasets": "the command that made it, with --resume, collects what is missing",
+    "estimators": "the command that made it, with --resume, trains it again",
+    "relabels": "the command that made it, with --resume, labels what is missing",
+}
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """What was kept of an artifact, and what was dropped."""
+
+    id: str
+    kept: str
+    lost: tuple[str, ...]
+    then: str  # what to do next; empty: nothing
+
+    def as_json(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {"id": self.id, "is_whole": not self.lost, "kept": self.kept, "lost": list(self.lost), "then": self.then}
+
+    def message(self) -> str:
+        """A sentence for a person."""
+        if not self.lost:
+            return f"{self.id}: {self.kept}, nothing is damaged"
+        return f"{self.id}: {self.kept} kept; dropped: {'; '.join(self.lost)}" + (f"; {self.then}" if self.then else "")
+
+
+def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
+    """Drop what is damaged; with `dry_run` only say what would be.
+
+    Raises:
+        ConfigError: it is a report, or another process writes it.
+        ArtifactError: its manifest cannot be read.
+    """
+    kind, names = split_id(artifact_id)
+    if kind == "reports":
+        raise ConfigError(f"{artifact_id} is a view of its runs: `pipeline analyze --name {names[0]}` makes it again")
+    lock = ArtifactLock(store.root, artifact_id)
+    lock.acquire()
+    try:
+        manifest = load(store.root, artifact_id)
+        path = store.path(artifact_id)
+        damaged = {file.path: found for file in manifest.files if (found := problem(path, file)) is not None}
+        return (_run if kind == "runs" else _files)(store, manifest, damaged, dry_run)
+    finally:
+        lock.release()
+
+
+def _files(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: bool) -> Repaired:
+    """Of files that are made one by one those that are whole stay."""
+    whole = [file for file in manifest.files if file.path not in damaged]
+    kept = f"{len(whole):,} of {len(manifest.files):,} files"
+    if manifest.status == "running":
+        kept = "not finished: --resume looks at each file itself"
+    if damaged and not dry_run:
+        _drop(store, manifest, damaged)
+        _unfinished(store, manifest, damaged.values())
+    return Repaired(manifest.id, kept, tuple(damaged.values()), _THEN[split_id(manifest.id)[0]] if damaged else "")
+
+
+def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: bool) -> Repaired:
+    from stages.policy.salvage import assess, cut
+
+    path = store.path(manifest.id)
+    whole = assess(path, damaged)
+    lost = (*damaged.values(), *whole.lost)
+    if damaged and all(name.startswith(_ADDITIONS) for name in damaged) and not whole.lost:
+        if not dry_run:
+            _drop(store, manifest, damaged)
+            left = [file for file in manifest.files if file.path not in damaged]
+            write_manifest(manifest.model_copy(update={"files": left}), path)
+        return Repaired(manifest.id, whole.kept, lost, "a replay renders its frames again")
+    if lost and not dry_run:
+        _drop(store, manifest, damaged)
+        cut(path, whole)
+        _unfinished(store, manifest, lost)
+    point = max(whole.checkpoints, default=None)
+    start = f"from checkpoint {point}" if point else "anew, from its first episode"
+    then = f"the command that made it, with --resume, trains it {start}" if lost else ""
+    return Repaired(manifest.id, whole.kept, lost, then)
+
+
+def _drop(store: Store, manifest: Manifest, damaged: Iterable[str]) -> None:
+    """Remove files, or links in their place; what a name leads to outside of the artifact is not ours."""
+    directory = store.path(manifest.id)
+    for name in damaged:
+        path = directory / name
+        if path.parent.resolve().is_relative_to(directory.resolve()):
+            path.unlink(missing_ok=True)
+
+
+def _unfinished(store: Store, manifest: Manifest, lost: Iterable[str]) -> None:
+    """Status `running` again; what it was is kept beside, for what is made again byte for byte is that again."""
+    path = store.path(manifest.id)
+    if manifest.status == "complete":
+        write_bytes((path / MANIFEST).read_bytes(), path / BEFORE_REPAIR)
+    changed = {"status": "running", "files": [], "summary": {"repaired": list(lost)}}
+    write_manifest(manifest.model_copy(update=changed), path)

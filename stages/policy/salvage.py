@@ -1,0 +1,118 @@
+"""What is left of a damaged run: its log up to the last whole episode, and the checkpoints that fit it."""
+
+import shutil
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from schemas import tables
+from schemas.errors import ArtifactError
+from schemas.files import failure_path, read_parquet, transition_parts, write_parquet
+from stages.policy import checkpoint
+from stages.policy.parts import Parts
+
+_LOGS = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What of a run is whole, as `assess` finds it."""
+
+    logs: dict[str, pa.Table]  # episodes, evaluations and updates up to the last whole episode
+    parts: tuple[Path, ...]  # of transitions, before the first that is damaged or missing
+    checkpoints: tuple[str, ...]  # names of those that a resumed run can go on from
+    kept: str  # in words
+    lost: tuple[str, ...]  # in words; empty: nothing is
+
+
+def assess(run: Path, damaged: Collection[str]) -> Whole:
+    """What is whole in `run`, of which the files `damaged` (relative to it) are known not to be what was written.
+
+    Parquet files are read, and their checksums verified; so is what seals a checkpoint.
+    """
+    lost: list[str] = []
+    parts, rows = [], 0
+    for number, path in enumerate(transition_parts(run)):
+        found = _table(run, f"transitions/part-{number:05d}.parquet", damaged)
+        if found is None:
+            lost.append(f"transitions from {path.name} on")
+            break
+        parts.append(path)
+        rows += found.num_rows
+    logs = {name: _table(run, f"{name}.parquet", damaged) for name in _LOGS}
+    lost += [f"{name}.parquet" for name, table in logs.items() if table is None]
+    episodes = _of(logs, "episodes")
+    kept = episodes.slice(0, int(np.searchsorted(np.cumsum(episodes["length"].to_numpy()), rows, side="right")))
+    if kept.num_rows < episodes.num_rows:
+        lost.append(f"{episodes.num_rows - kept.num_rows} of {episodes.num_rows} episodes")
+    whole = {"episodes": kept, **_covered(_of(logs, "evaluations"), _of(logs, "updates"), kept)}
+    points = {point.name: checkpoint.counts(run, point) for point in checkpoint.available(run)}
+    usable = [name for name, counts in points.items() if counts is not None and _holds(whole, counts)]
+    lost += [f"checkpoint {name}" for name in points if name not in usable]
+    return Whole(whole, tuple(parts), tuple(usable), _in_words(kept), tuple(lost))
+
+
+def cut(run: Path, whole: Whole) -> None:
+    """Leave what is whole, for `--resume` to go on from. The policy is taken back: the run it ended is not whole."""
+    for path in reversed(transition_parts(run)):
+        if path not in whole.parts:
+            path.unlink()
+    for name, table in whole.logs.items():
+        write_parquet(table, run / f"{name}.parquet")
+    if whole.parts:
+        schema = _transitions_schema(whole.parts[0])
+        Parts(run, schema).keep(int(sum(whole.logs["episodes"]["length"].to_pylist())))
+    for point in checkpoint.available(run):
+        if point.name not in whole.checkpoints:
+            shutil.rmtree(run / "checkpoints" / point.name)
+    checkpoint.unpublish(run)
+    shutil.rmtree(failure_path(run), ignore_errors=True)
+
+
+def _table(run: Path, name: str, damaged: Collection[str]) -> pa.Table | None:
+    try:
+        return None if name in damaged else read_parquet(run / name)
+    except ArtifactError:
+        return None
+
+
+def _of(logs: dict[str, pa.Table | None], name: str) -> pa.Table:
+    found = logs[name]
+    return _LOGS[name].empty_table() if found is None else found
+
+
+def _covered(evaluations: pa.Table, updates: pa.Table, episodes: pa.Table) -> dict[str, pa.Table]:
+    """Evaluations of episodes that are all there, and updates of training episodes that are."""
+    there = _per_split(episodes)
+    needed = dict.fromkeys(there, 0)
+    count = 0
+    for row in evaluations.select(["split", "episodes"]).to_pylist():
+        needed[row["split"]] = needed.get(row["split"], 0) + row["episodes"]
+        if needed[row["split"]] > there.get(row["split"], 0):
+            break
+        count += 1
+    later = np.flatnonzero(updates["episode"].to_numpy() >= there.get("train", 0))
+    learnt = int(later[0]) if len(later) else updates.num_rows
+    return {"evaluations": evaluations.slice(0, count), "updates": updates.slice(0, learnt)}
+
+
+def _per_split(episodes: pa.Table) -> dict[str, int]:
+    splits, counts = np.unique(np.array(episodes["split"].to_pylist(), dtype=str), return_counts=True)
+    return dict(zip(splits.tolist(), counts.tolist(), strict=True))
+
+
+def _holds(logs: dict[str, pa.Table], counts: dict[str, int]) -> bool:
+    return all(table.num_rows >= counts.get(name, 0) for name, table in logs.items())
+
+
+def _in_words(episodes: pa.Table) -> str:
+    counts = ", ".join(f"{count} of {split}" for split, count in _per_split(episodes).items())
+    return f"{episodes.num_rows} episodes" + (f" ({counts})" if counts else "")
+
+
+def _transitions_schema(part: Path) -> pa.Schema:
+    found = read_parquet(part, ["observation", "action"]).schema
+    return tables.transitions(*(found.field(name).type.list_size for name in ("observation", "action")))
