@@ -35,3 +35,13 @@ def to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
     if pa.types.is_dictionary(array.type):
         return np.array(array.to_pylist(), dtype=str)
     return array.to_numpy(zero_copy_only=False)
+
+
+def with_own_words(table: pa.Table) -> pa.Table:
+    """Without the words of other rows in its dictionaries, in one chunk: the same rows make the same file."""
+    columns = []
+    for column, field in zip(table.columns, table.schema, strict=True):
+        if pa.types.is_dictionary(field.type):
+            column = column.cast(field.type.value_type).combine_chunks().dictionary_encode().cast(field.type)
+        columns.append(column)
+    return pa.Table.from_arrays(columns, schema=table.schema).combine_chunks()

@@ -9,9 +9,9 @@ import pyarrow as pa
 
 from schemas import tables
 from schemas.arrays import constant, to_arrow, to_numpy
-from schemas.errors import ArtifactError
-from schemas.files import failure_path, read_parquet, write_parquet
+from schemas.files import failure_path, write_parquet
 from stages.policy.config import RunSpec
+from stages.policy.growing import Growing
 from stages.policy.parts import Parts
 
 _TABLES = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
@@ -43,8 +43,9 @@ class RunLog:
         }
         self._pending: list[tuple[EpisodeHead, dict[str, np.ndarray]]] = []
         self._parts = Parts(spec.out, self._schema)
-        self._rows: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
-        self._tables: dict[str, pa.Table] = {name: schema.empty_table() for name, schema in _TABLES.items()}
+        self._tables = {
+            name: Growing(self._out / f"{name}.parquet", schema, self._identity) for name, schema in _TABLES.items()
+        }
 
     def add_transitions(self, head: EpisodeHead, columns: dict[str, np.ndarray]) -> None:
         """One episode's transitions; `columns` as `EpisodeColumns.of_run` gives them."""
@@ -52,11 +53,11 @@ class RunLog:
 
     def add(self, table: str, row: dict[str, Any]) -> None:
         """A row of `episodes`, `evaluations` or `updates`, without the run's identity."""
-        self._rows[table].append(row)
+        self._tables[table].add(row)
 
     def rows(self, table: str) -> list[dict[str, Any]]:
-        """Rows of a table so far."""
-        return self._rows[table]
+        """Rows of a table so far, without the run's identity and what is a list."""
+        return self._tables[table].rows()
 
     def keep_failure(self, head: EpisodeHead, columns: dict[str, np.ndarray], row: dict[str, Any]) -> None:
         """Write the episode in which the run failed, up to where it did, beside the logs: it is no data of theirs.
@@ -73,20 +74,15 @@ class RunLog:
 
     def flush(self) -> None:
         """Write what was added since the last time, transitions first: no episode is told of that has none."""
-        news = [name for name, table in self._tables.items() if len(self._rows[name]) > table.num_rows]
         if self._pending:
             self._parts.append(_transitions_table(self._schema, self._identity, self._pending))
             self._pending = []
-        for name in news:
-            self._extend(name)
-        for name, table in self._tables.items():
-            path = self._out / f"{name}.parquet"
-            if name in news or not path.exists():
-                write_parquet(table, path)
+        for table in self._tables.values():
+            table.flush()
 
     def counts(self) -> dict[str, int]:
         """How much is on disk, for a checkpoint to remember."""
-        return {name: len(rows) for name, rows in self._rows.items()}
+        return {name: len(table) for name, table in self._tables.items()}
 
     def restore(self, counts: dict[str, int]) -> None:
         """Go back to what a checkpoint remembered: anything later is written again by the resumed run.
@@ -95,15 +91,9 @@ class RunLog:
             ArtifactError: less is on disk than the checkpoint remembers.
         """
         shutil.rmtree(failure_path(self._out), ignore_errors=True)  # it goes on from before that
-        for name in _TABLES:
-            path, count = self._out / f"{name}.parquet", counts[name]
-            rows = read_parquet(path).drop_columns(list(self._identity)).to_pylist() if count else []
-            if len(rows) < count:
-                raise ArtifactError(f"{path} has {len(rows)} rows, its checkpoint {count}: the run is damaged")
-            self._rows[name], self._tables[name] = rows[:count], _TABLES[name].empty_table()
-            self._extend(name)
-            write_parquet(self._tables[name], path)
-        self._parts.keep(sum(row["length"] for row in self._rows["episodes"]))
+        for name, table in self._tables.items():
+            table.keep(counts[name])
+        self._parts.keep(sum(row["length"] for row in self.rows("episodes")))
 
     def training_transitions(self) -> dict[str, np.ndarray]:
         """The training rows on disk, in order: the source of the replay buffer on resume."""
@@ -111,13 +101,6 @@ class RunLog:
         table = pa.concat_tables([self._schema.empty_table(), *self._parts.read()])
         table = table.filter(pa.compute.equal(table["split"].cast(pa.string()), "train")).select(columns)
         return {name: to_numpy(table[name]) for name in columns}
-
-    def _extend(self, name: str) -> None:
-        """Bring a table up to its rows: only the new ones are converted."""
-        table = self._tables[name]
-        new = [self._identity | row for row in self._rows[name][table.num_rows :]]
-        joined = pa.concat_tables([table, pa.Table.from_pylist(new, schema=table.schema)])
-        self._tables[name] = joined.unify_dictionaries().combine_chunks()
 
 
 def _transitions_table(

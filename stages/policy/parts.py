@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from schemas.arrays import with_own_words
 from schemas.errors import ArtifactError
 from schemas.files import read_parquet, reading, transition_parts, write_parquet
 
@@ -46,7 +47,7 @@ class Parts:
             if before >= rows:
                 path.unlink()
             elif before + count > rows:
-                write_parquet(_with_own_words(self._read(path).slice(0, rows - before)), path)
+                write_parquet(with_own_words(self._read(path).slice(0, rows - before)), path)
 
     def read(self) -> Iterator[pa.Table]:
         """Part by part."""
@@ -68,15 +69,5 @@ def _cut(rest: pa.Table) -> Iterator[pa.Table]:
     begin = 0
     while begin < rest.num_rows:
         end = int(ends[min(int(np.searchsorted(ends, begin + PART_ROWS)), len(ends) - 1)])
-        yield _with_own_words(rest.slice(begin, end - begin))
+        yield with_own_words(rest.slice(begin, end - begin))
         begin = end
-
-
-def _with_own_words(table: pa.Table) -> pa.Table:
-    """Without the words of other rows in its dictionaries."""
-    columns = []
-    for column, field in zip(table.columns, table.schema, strict=True):
-        if pa.types.is_dictionary(field.type):
-            column = column.cast(field.type.value_type).combine_chunks().dictionary_encode().cast(field.type)
-        columns.append(column)
-    return pa.Table.from_arrays(columns, schema=table.schema).combine_chunks()

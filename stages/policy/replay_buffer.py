@@ -16,12 +16,12 @@ class ReplayBuffer:
         self.capacity = capacity
         self.size = np.zeros(runs, dtype=np.int64)
         self._next = np.zeros(runs, dtype=np.int64)
-        self._observation = np.zeros((runs, capacity, observation_dim), dtype=np.float32)
-        self._next_observation = np.zeros_like(self._observation)
-        self._action = np.zeros((runs, capacity, action_dim), dtype=np.float32)
-        self._reward = np.zeros((runs, capacity), dtype=np.float32)
-        self._reward_sparse = np.zeros((runs, capacity), dtype=np.float32)
-        self._terminated = np.zeros((runs, capacity), dtype=np.float32)
+        self._observation = _taken((runs, capacity, observation_dim))
+        self._next_observation = _taken((runs, capacity, observation_dim))
+        self._action = _taken((runs, capacity, action_dim))
+        self._reward = _taken((runs, capacity))
+        self._reward_sparse = _taken((runs, capacity))
+        self._terminated = _taken((runs, capacity))
 
     def add(
         self,
@@ -80,3 +80,10 @@ class ReplayBuffer:
             next_observation=gather(self._next_observation),
             terminated=gather(self._terminated),
         )
+
+
+def _taken(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros whose memory is taken now: where it is short that shows at the start, not hours later."""
+    array = np.empty(shape, dtype=np.float32)
+    array.fill(0)
+    return array
