@@ -93,8 +93,11 @@ class Build:
         return self._manifest
 
     def _close(self, status: str, summary: dict[str, Any]) -> None:
-        for leftover in self.path.rglob(".*.tmp"):
-            leftover.unlink()
+        for leftover in list(self.path.rglob(".*.tmp")):
+            if leftover.is_dir():  # of a checkpoint whose writer was killed
+                shutil.rmtree(leftover)
+            else:
+                leftover.unlink(missing_ok=True)
         self._record(status=status, summary=summary, files=list_files(self.path))
 
     def _record(self, **changes: object) -> None:

@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,8 @@ def run(
     make = partial(Collector, config, out, dataset, actor)
     results = []
     episodes = collect_episodes(make, plans, min(config.collect.workers, len(plans)))
-    with progress.task("collect", total=len(plans)) as task, closing(episodes), _ended_by_request(progress):
+    half = _without_halves(out / "episodes")
+    with half, progress.task("collect", total=len(plans)) as task, closing(episodes), _ended_by_request(progress):
         for result in episodes:
             results.append(result)
             task.advance()
@@ -52,6 +53,17 @@ def run(
         make_durable(out / "episodes")
     _write_frames(results, config, out)
     return _summary(results) | {"wall_time_s": time.monotonic() - started}
+
+
+@contextmanager
+def _without_halves(directory: Path) -> Iterator[None]:
+    """What a worker that was killed had written of an episode takes no room when the block ends."""
+    try:
+        yield
+    finally:
+        for half in directory.glob(".*.tmp"):
+            with suppress(OSError):  # a disk that became read-only: the reason for the end is told, not this
+                half.unlink()
 
 
 @contextmanager
