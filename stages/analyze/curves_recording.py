@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from rerun_blueprints.comparison import comparison
+from rerun_blueprints.whole_file import end_recording
 from schemas.entities import APPLICATION_ID, TRAINING_EPISODE, curve
 from schemas.errors import MachineError
 from stages.analyze.behind import Recording
@@ -39,11 +40,11 @@ def write_comparison(curves: Sequence[Row], path: Path) -> Recording:
             stream.save(temporary, default_blueprint=comparison(panels))
             for (panel, label), rows in series.items():
                 _log_series(stream, panel, label, _rgb(colours.get(label, COLOURS["oracle"])), rows)
-            stream.flush()
-            stream.disconnect()
+            end_recording(stream, temporary)
         temporary.replace(path)
     except (OSError, RuntimeError) as error:
-        raise MachineError(f"cannot write {path}: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise MachineError(f"cannot write {path}: {reason}; mend that, then try again") from error
     finally:
         temporary.unlink(missing_ok=True)
     return Recording(path.name, "learning curves of all schemes")

@@ -7,6 +7,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
+from rerun_blueprints.whole_file import end_recording
 from schemas.entities import APPLICATION_ID
 from schemas.errors import ConfigError, MachineError
 
@@ -27,11 +28,10 @@ def recording_file(name: str, save: Path, blueprint: rrb.Blueprint) -> Iterator[
         recording.save(temporary, default_blueprint=blueprint)
         recording.send_recording_name(name)
         yield recording
-        recording.flush()
-        recording.disconnect()
+        end_recording(recording, temporary)
         temporary.replace(save)
     except OSError as error:
-        raise MachineError(f"cannot write {save}: {error.strerror or error}") from error
+        raise MachineError(f"cannot write {save}: {error.strerror or error}; mend that, then try again") from error
     finally:
         recording.disconnect()
         temporary.unlink(missing_ok=True)
