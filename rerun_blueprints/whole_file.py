@@ -1,40 +1,30 @@
-"""Ending a recording that goes to a file: Rerun writes in a thread that tells nobody when the disk is full."""
+"""A recording that becomes a file when all of it is there."""
 
-import errno
-import os
-import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
 
-_PATIENCE = 60.0  # [s]: without a limit a flush to a full disk may wait for good
-_END = b"RRF2FOOT"  # of the footer, which is written last
-_TAIL = 16  # bytes that hold it
-_FULL = 100_000  # bytes free, with which a disk is too full for the part that is missing
+from schemas.files import write_bytes
 
 
-def end_recording(recording: rr.RecordingStream, path: Path) -> None:
-    """Write what is left of `recording` to the file `path`, and close it.
+@contextmanager
+def recorded(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
+    """What is logged to `recording` in this block is the file `path` after it, whole, or not there when it raises.
+
+    It is in memory until then: Rerun's own writer of files is a thread that tells nobody when the disk is full, and
+    that whoever ends the recording then waits for, now and then for good.
 
     Raises:
-        OSError: not all of it is there.
+        OSError: it cannot be written.
     """
+    stream = recording.binary_stream()
+    recording.send_blueprint(blueprint, make_active=False)
     try:
-        recording.flush(timeout_sec=_PATIENCE)
+        yield
+        data = stream.read() or b""
+    finally:
         recording.disconnect()
-    except RuntimeError as error:
-        raise _cause(path) from error
-    if not _has_end(path):
-        raise _cause(path)
-
-
-def _has_end(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(-min(_TAIL, path.stat().st_size), os.SEEK_END)
-        return _END in file.read()
-
-
-def _cause(path: Path) -> OSError:
-    """Rerun keeps the reason to itself."""
-    code = errno.ENOSPC if shutil.disk_usage(path.parent).free < _FULL else errno.EIO
-    return OSError(code, os.strerror(code), str(path))
+    write_bytes(data, path)

@@ -65,8 +65,10 @@ def _published(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
-    except BaseException:  # on a full disk half a file would take the room that the next try needs
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(path)  # a write does not know it
+        temporary.unlink(missing_ok=True)  # on a full disk half a file would take the room that the next try needs
         raise
     fsync_directory(path.parent)
 
