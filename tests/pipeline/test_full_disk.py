@@ -59,7 +59,7 @@ def test_a_run_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("endless")
 def test_parts_in_processes_of_their_own(whole_pair: Path, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", size(whole_pair)) as disk:  # without room to merge the parts
-        full = pipeline("train-policy", disk, policy__processes=2, **PAIR)
+        full = pipeline("train-policy", disk, **PAIR)
         check_ended(full, "the disk is full", "free space, then --resume")
         for run in (disk / "runs" / "n").iterdir():
             check_kept(run)

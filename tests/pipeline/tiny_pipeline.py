@@ -27,8 +27,8 @@ ARTIFACTS = {
 }
 
 
-PAIR = {"policy__seeds": [0, 1], "policy__episodes": 40}
-"""Two runs that last a while, for parts in processes of their own; the logs do not depend on those."""
+PAIR = {"policy__seeds": [0, 1], "policy__episodes": 30, "policy__processes": 2}
+"""Two runs that last a while, in processes of their own."""
 
 
 def arguments(command: str, data: Path, *more: str, **settings: Any) -> list[str]:
