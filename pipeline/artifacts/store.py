@@ -21,7 +21,7 @@ from pipeline.artifacts.manifests import (
 )
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
-from schemas.files import fsync_directory
+from schemas.files import fsync_directory, remove_halves
 from schemas.manifest import InputRef, Manifest
 
 
@@ -93,11 +93,7 @@ class Build:
         return self._manifest
 
     def _close(self, status: str, summary: dict[str, Any]) -> None:
-        for leftover in list(self.path.rglob(".*.tmp")):
-            if leftover.is_dir():  # of a checkpoint whose writer was killed
-                shutil.rmtree(leftover)
-            else:
-                leftover.unlink(missing_ok=True)
+        remove_halves(self.path)
         self._record(status=status, summary=summary, files=list_files(self.path))
 
     def _record(self, **changes: object) -> None:

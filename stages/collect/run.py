@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 
 from schemas.errors import MachineError
-from schemas.files import write_parquet
+from schemas.files import remove_halves, write_parquet
 from schemas.mcap_files import make_durable
 from schemas.progress import Progress
 from schemas.tables import FRAMES
@@ -61,9 +61,7 @@ def _without_halves(directory: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        for half in directory.glob(".*.tmp"):
-            with suppress(OSError):  # a disk that became read-only: the reason for the end is told, not this
-                half.unlink()
+        remove_halves(directory)
 
 
 @contextmanager

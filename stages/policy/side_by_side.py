@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from schemas.errors import MachineError
+from schemas.files import remove_halves
 from schemas.progress import Progress, Task
 from stages.memory import use_huge_pages
 from stages.policy.config import RunResult, RunSpec
@@ -44,6 +45,8 @@ def train_side_by_side(
         with interrupts_ignored():
             for child in children:
                 child.close()
+        for spec in (spec for part in parts for spec in part):
+            remove_halves(spec.out)  # of the parts that were ended in the middle of it
 
 
 def _results(children: list["_Child"], task: Task, progress: Progress) -> Iterator[RunResult]:
