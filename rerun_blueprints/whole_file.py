@@ -20,7 +20,7 @@ def recorded(recording: rr.RecordingStream, path: Path, blueprint: rrb.Blueprint
     Raises:
         OSError: it cannot be written.
     """
-    stream = recording.binary_stream()
+    stream = rr.binary_stream(recording)
     recording.send_blueprint(blueprint, make_active=False)
     try:
         yield
