@@ -25,6 +25,7 @@ BENCHMARKS = {
     "query": "six analyst questions over ten million transitions",
     "afterwards": "an episode viewed and replayed, a study of 36 runs analysed",
     "crash": "SIGKILL at random moments of every stage, resumed, compared with the uninterrupted one",
+    "soak": "memory, file handles and processes over a million transitions, and what is left after every kind of end",
 }
 
 
@@ -48,6 +49,7 @@ def main(name: str, as_json: bool, out: Path | None, quick: bool) -> None:
     query        questions over ten million transitions
     afterwards   view, replay, analysis
     crash        kill and resume
+    soak         a million transitions
 
     Close other programs first. What is compared with the public packages needs `make bench`.
     """

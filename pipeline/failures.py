@@ -22,6 +22,7 @@ class Failure(NamedTuple):
 
 def classify(error: BaseException, arguments: Sequence[str]) -> Failure:
     """Exit code and message of an exception."""
+    from pipeline.exhausted import message
     from schemas.errors import PipelineError
 
     if isinstance(error, (KeyboardInterrupt, click.Abort)):
@@ -30,11 +31,17 @@ def classify(error: BaseException, arguments: Sequence[str]) -> Failure:
         return Failure(2, "UsageError", _usage(error))
     if isinstance(error, PipelineError):
         return Failure(error.exit_code, type(error).__name__, str(error), error.details)
-    return _unexpected(error)
+    command = _command(arguments)
+    exhausted = message(error, command, command in RESUMABLE)
+    return Failure(4, "MachineError", exhausted) if exhausted else _unexpected(error)
+
+
+def _command(arguments: Sequence[str]) -> str:
+    return next((each for each in arguments if not each.startswith("-")), "")
 
 
 def _interrupted(arguments: Sequence[str]) -> str:
-    command = next((each for each in arguments if not each.startswith("-")), "")
+    command = _command(arguments)
     if command in RESUMABLE:
         return "interrupted; what was finished is on disk: the same command with --resume goes on from there"
     if command == "run":
@@ -49,15 +56,6 @@ def _usage(error: click.ClickException) -> str:
 
 
 def _unexpected(error: BaseException) -> Failure:
-    from pipeline.artifacts.space import is_disk_full
-
-    if is_disk_full(error):
-        where = getattr(error, "filename", None)
-        return Failure(
-            4, "MachineError", f"the disk is full{f' ({where})' if where else ''}: free space, then --resume"
-        )
-    if isinstance(error, PermissionError):
-        return Failure(4, "MachineError", f"permission denied: {error.filename}; choose another place with --data")
     text = str(error).strip().splitlines()
     reason = f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
     return Failure(4, type(error).__name__, f"unexpected {reason} (--debug shows where)")

@@ -1,8 +1,9 @@
 """Files that are whole or absent, and where they lie."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -92,10 +93,22 @@ def _published(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
-    except BaseException:  # on a full disk half a file would take the room that the next try needs
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(path)  # a write does not know it
+        temporary.unlink(missing_ok=True)  # on a full disk half a file would take the room that the next try needs
         raise
     fsync_directory(path.parent)
+
+
+def remove_halves(directory: Path) -> None:
+    """Remove what a killed process was writing below `directory`, files and directories, where that is allowed."""
+    for half in list(directory.rglob(".*.tmp")):
+        if half.is_dir():
+            shutil.rmtree(half, ignore_errors=True)
+        else:
+            with suppress(OSError):  # a disk that became read-only: why the work ended is told, not this
+                half.unlink()
 
 
 def fsync_directory(directory: Path) -> None:

@@ -1,5 +1,6 @@
 """One writer per artifact."""
 
+import fcntl
 import os
 from pathlib import Path
 
@@ -9,15 +10,17 @@ from schemas.errors import ConfigError
 
 
 def is_held(root: Path, artifact_id: str) -> bool:
-    """Some process is writing the artifact now."""
-    lock = ArtifactLock(root, artifact_id)
-    if not lock.path.exists():
-        return False
+    """Some process is writing the artifact now. Asked without writing: readers may not be allowed to."""
     try:
-        with FileLock(lock.path, blocking=False):
-            return False
-    except Timeout:
-        return True
+        lock = ArtifactLock(root, artifact_id).path.open("rb")
+    except (FileNotFoundError, PermissionError):
+        return False
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 class ArtifactLock:

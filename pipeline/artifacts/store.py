@@ -21,7 +21,7 @@ from pipeline.artifacts.manifests import (
 )
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
-from schemas.files import fsync_directory, write_bytes
+from schemas.files import fsync_directory, remove_halves, write_bytes
 from schemas.manifest import InputRef, Manifest, parse_manifest
 
 BEFORE_REPAIR = ".manifest.before-repair.json"
@@ -97,8 +97,7 @@ class Build:
         return self._manifest
 
     def _close(self, status: str, summary: dict[str, Any]) -> None:
-        for leftover in self.path.rglob(".*.tmp"):
-            leftover.unlink()
+        remove_halves(self.path)
         self._record(status=status, summary=summary, files=list_files(self.path))
 
     def _take_back_identity(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from rerun_blueprints.comparison import comparison
+from rerun_blueprints.whole_file import recorded
 from schemas.entities import APPLICATION_ID, TRAINING_EPISODE, curve
 from schemas.errors import MachineError
 from stages.analyze.behind import Recording
@@ -33,19 +34,13 @@ def write_comparison(curves: Sequence[Row], path: Path) -> Recording:
         series[panel, f"{row['name']} {row['scheme']}" if several else row["scheme"]].append(row)
     panels, labels = (list(dict.fromkeys(key[part] for key in series)) for part in (0, 1))
     colours = dict(zip(labels, cycle(SERIES + MORE_SERIES), strict=False)) if several else COLOURS
-    temporary = path.with_name(f".{path.name}.tmp")
+    stream = rr.RecordingStream(APPLICATION_ID, recording_id="comparison")
     try:
-        with rr.RecordingStream(APPLICATION_ID, recording_id="comparison") as stream:
-            stream.save(temporary, default_blueprint=comparison(panels))
+        with recorded(stream, path, comparison(panels)):
             for (panel, label), rows in series.items():
                 _log_series(stream, panel, label, _rgb(colours.get(label, COLOURS["oracle"])), rows)
-            stream.flush()
-            stream.disconnect()
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:
-        raise MachineError(f"cannot write {path}: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise MachineError(f"cannot write {path}: {error.strerror or error}; mend that, then try again") from error
     return Recording(path.name, "learning curves of all schemes")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 
 from schemas.errors import MachineError
-from schemas.files import write_parquet
+from schemas.files import remove_halves, write_parquet
 from schemas.mcap_files import make_durable
 from schemas.progress import Progress
 from schemas.tables import FRAMES
@@ -40,7 +40,8 @@ def run(
     make = partial(Collector, config, out, dataset, actor)
     results = []
     episodes = collect_episodes(make, plans, min(config.collect.workers, len(plans)))
-    with progress.task("collect", total=len(plans)) as task, closing(episodes), _ended_by_request(progress):
+    half = _without_halves(out / "episodes")
+    with half, progress.task("collect", total=len(plans)) as task, closing(episodes), _ended_by_request(progress):
         for result in episodes:
             results.append(result)
             task.advance()
@@ -52,6 +53,15 @@ def run(
         make_durable(out / "episodes")
     _write_frames(results, config, out)
     return _summary(results) | {"wall_time_s": time.monotonic() - started}
+
+
+@contextmanager
+def _without_halves(directory: Path) -> Iterator[None]:
+    """What a worker that was killed had written of an episode takes no room when the block ends."""
+    try:
+        yield
+    finally:
+        remove_halves(directory)
 
 
 @contextmanager

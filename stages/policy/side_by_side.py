@@ -11,13 +11,14 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
-from schemas.errors import MachineError, PipelineError
+from schemas.errors import MachineError
+from schemas.files import remove_halves
 from schemas.progress import Progress, Task
 from stages.memory import use_huge_pages
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.group import train_group
 from stages.policy.resources import Share
-from stages.sim.processes import end_with_parent, interrupts_ignored, stay_on_own_cores
+from stages.sim.processes import end_with_parent, interrupts_ignored, portable, stay_on_own_cores
 
 _STOPS_WITHIN = 0.5  # [s] after it was asked for: as often the parts are told
 
@@ -28,7 +29,7 @@ def train_side_by_side(
     """Results of all runs, part by part as they end.
 
     Raises:
-        PipelineError: what a part could not do; the others are stopped, to be resumed from their checkpoints.
+        Exception: what a part could not do; the others are stopped, to be resumed from their checkpoints.
     """
     use_huge_pages()
     children: list[_Child] = []
@@ -44,6 +45,8 @@ def train_side_by_side(
         with interrupts_ignored():
             for child in children:
                 child.close()
+        for spec in (spec for part in parts for spec in part):
+            remove_halves(spec.out)  # of the parts that were ended in the middle of it
 
 
 def _results(children: list["_Child"], task: Task, progress: Progress) -> Iterator[RunResult]:
@@ -126,8 +129,8 @@ def _serve(
         pipe.send(("results", train_group(part, estimator, share, _Reported(pipe, stop))))
     except KeyboardInterrupt:
         pipe.send(("stopped", None))
-    except PipelineError as error:
-        pipe.send(("error", error))
+    except Exception as error:
+        pipe.send(("error", portable(error)))
 
 
 class _Reported:

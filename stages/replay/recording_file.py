@@ -7,6 +7,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
+from rerun_blueprints.whole_file import recorded
 from schemas.entities import APPLICATION_ID
 from schemas.errors import ConfigError, MachineError
 
@@ -21,17 +22,10 @@ def recording_file(name: str, save: Path, blueprint: rrb.Blueprint) -> Iterator[
     """
     if not save.parent.is_dir():
         raise ConfigError(f"cannot write {save}: there is no directory {save.parent}")
-    temporary = save.with_name(f".{save.name}.tmp")
     recording = rr.RecordingStream(APPLICATION_ID)
     try:
-        recording.save(temporary, default_blueprint=blueprint)
-        recording.send_recording_name(name)
-        yield recording
-        recording.flush()
-        recording.disconnect()
-        temporary.replace(save)
+        with recorded(recording, save, blueprint):
+            recording.send_recording_name(name)
+            yield recording
     except OSError as error:
-        raise MachineError(f"cannot write {save}: {error.strerror or error}") from error
-    finally:
-        recording.disconnect()
-        temporary.unlink(missing_ok=True)
+        raise MachineError(f"cannot write {save}: {error.strerror or error}; mend that, then try again") from error

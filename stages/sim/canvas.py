@@ -5,10 +5,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from schemas.errors import MachineError
 from stages.sim.camera import CameraPose
-from stages.sim.gl import make_context
+from stages.sim.gl import context_lost, free_lost, make_context, make_current
 
 _SHOWN, _HIDDEN = 1, 5  # geom groups
+_LOST = {0x0505: "GL_OUT_OF_MEMORY", 0x0507: "GL_CONTEXT_LOST"}
 OPTICAL_TO_GL = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras have y up and look along −z
 
 
@@ -35,7 +37,7 @@ class Canvas:
 
     def place(self, qpos: np.ndarray, pose: CameraPose) -> None:
         """Make this the thread's current canvas, its geoms at generalised positions `qpos` (nq,), seen from `pose`."""
-        self._context.make_current()  # another canvas of this thread may have drawn since
+        make_current(self._context)  # another canvas of this thread may have drawn since
         data = self.data
         data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, data)
@@ -56,14 +58,33 @@ class Canvas:
         mujoco.mjr_resizeOffscreen(size, size, self._gl)
 
     def draw(self, image: np.ndarray, depth: np.ndarray | None) -> None:
-        """Draw into `image` (H, W, 3) uint8, bottom row first; and `depth` (H, W) float32: 1 is nearest, 0 the sky."""
+        """Draw into `image` (H, W, 3) uint8, bottom row first; and `depth` (H, W) float32: 1 is nearest, 0 the sky.
+
+        Raises:
+            MachineError: the OpenGL context was lost.
+        """
         viewport = mujoco.MjrRect(0, 0, image.shape[1], image.shape[0])
+        if depth is not None:
+            depth[0, 0] = np.nan
         mujoco.mjr_render(viewport, self._scene, self._gl)
         mujoco.mjr_readPixels(image, depth, viewport, self._gl)
+        self._check(depth)
+
+    def _check(self, depth: np.ndarray | None) -> None:
+        """A lost context draws nothing and says nothing: the pixels stay as they were, unless it is asked."""
+        error = mujoco.mjr_getError()
+        if error in _LOST:
+            raise context_lost(_LOST[error])
+        if depth is not None and np.isnan(depth[0, 0]):
+            raise context_lost("nothing was drawn")
 
     def close(self) -> None:
         """Free the OpenGL context."""
-        self._context.make_current()  # else another canvas's textures and buffers of the same numbers would be freed
+        try:
+            make_current(self._context)  # else another canvas's textures and buffers of the same numbers would be freed
+        except MachineError:
+            free_lost(self._context)
+            return
         self._gl.free()
         self._context.free()
 

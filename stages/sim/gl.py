@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 from typing import Any
 
 from schemas.errors import MachineError
@@ -33,6 +34,33 @@ def make_context(size: int) -> Any:
     except Exception as error:  # the libraries raise ImportError, AttributeError, RuntimeError, EGLError…
         raise MachineError(f"no OpenGL to render with ({type(error).__name__}: {error}); {HELP}") from error
     return context
+
+
+def context_lost(why: object) -> MachineError:
+    """The context is of no use any more: frames drawn in it would be those of before, or black."""
+    return MachineError(
+        f"the OpenGL context was lost ({why}): the driver was reset or the GPU is gone; "
+        "what was finished is on disk: once `pipeline doctor` finds OpenGL again, go on with --resume"
+    )
+
+
+def make_current(context: Any) -> None:
+    """Have this thread draw in `context`.
+
+    Raises:
+        MachineError: it was lost.
+    """
+    try:
+        context.make_current()
+    except Exception as error:  # RuntimeError, or EGLError of several lines
+        raise context_lost(getattr(getattr(error, "err", None), "name", type(error).__name__)) from error
+
+
+def free_lost(context: Any) -> None:
+    """Let go of a context that was lost."""
+    with suppress(Exception):
+        context.free()
+    context._context = None  # or it frees itself again when it is collected, and complains on stderr
 
 
 def gl_renderer() -> str:

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from schemas.errors import MachineError, PipelineError
+from schemas.errors import MachineError
 from stages.sim.camera import CameraPose
 from stages.sim.config import WorldConfig
-from stages.sim.processes import interrupts_ignored
+from stages.sim.processes import interrupts_ignored, portable
 from stages.sim.shared import Arrays, Shared, allocate
 
 
@@ -204,8 +204,8 @@ class _Remote:
 def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, shared: Shared, rows: slice) -> None:
     try:
         group = _Group(config, task, view, shared.arrays().rows(rows))
-    except PipelineError as error:
-        pipe.send((error, None))  # the answer to the first question, whatever it is
+    except Exception as error:
+        pipe.send((portable(error), None))  # the answer to the first question, whatever it is
         return
     while True:
         try:
@@ -216,9 +216,9 @@ def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, 
             return
 
 
-def _answer(group: _Group, method: str, arguments: tuple[Any, ...]) -> tuple[PipelineError | None, Any]:
+def _answer(group: _Group, method: str, arguments: tuple[Any, ...]) -> tuple[Exception | None, Any]:
     """(failure, result), of which one is None."""
     try:
         return None, None if method == "ready" else getattr(group, method)(*arguments)
-    except PipelineError as error:
-        return error, None
+    except Exception as error:
+        return portable(error), None

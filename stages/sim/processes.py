@@ -1,7 +1,9 @@
 """What worker processes have in common."""
 
 import os
+import pickle
 import signal
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import parent_process
@@ -20,6 +22,16 @@ def interrupts_ignored(*also: signal.Signals) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def portable(error: Exception) -> Exception:
+    """The error as it may be sent to the parent, which reports it; where it came from goes along as a note."""
+    error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # some libraries' errors cannot be made from their arguments again
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def available_cores() -> int:

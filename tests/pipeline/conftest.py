@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from pipeline.artifacts.store import Build, Request, Store
 from pipeline.cli import cli
 from tests.pipeline.fakes import Run, Stages
+from tests.pipeline.tiny_pipeline import PAIR, pipeline
 
 
 @pytest.fixture
@@ -61,6 +62,42 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
         monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr("stages.sim.gl.gl_renderer", fake.gl_renderer)
     return fake
+
+
+@pytest.fixture(scope="session")
+def narrow() -> Iterator[None]:
+    """An estimator of 0.3 million parameters: how work ends does not depend on its size."""
+    from stages.perception import resnet34
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resnet34, "STAGES", ((1, 64), (1, 64), (1, 64), (1, 64)))
+        yield
+
+
+@pytest.fixture(scope="session")
+def whole(narrow: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data root in which the real stages were never interrupted; not to be changed."""
+    data = tmp_path_factory.mktemp("whole") / "data"
+    for command in ("collect", "train-perception", "train-policy"):
+        done = pipeline(command, data)
+        assert done.exit_code == 0, done.output
+    return data
+
+
+@pytest.fixture(scope="session")
+def whole_pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data root with two runs that were never interrupted; not to be changed."""
+    data = tmp_path_factory.mktemp("pair") / "data"
+    done = pipeline("train-policy", data, **PAIR)
+    assert done.exit_code == 0, done.output
+    return data
+
+
+@pytest.fixture
+def endless(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody asks before the work whether there is room."""
+    for step in ("collect", "perception", "policy"):
+        monkeypatch.setattr(f"pipeline.steps.{step}.require_space", lambda directory, needed: None)
 
 
 @pytest.fixture

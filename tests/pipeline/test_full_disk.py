@@ -1,14 +1,28 @@
-"""A disk that fills up while a run trains: whole episodes stay, and it goes on when there is room again."""
+"""A disk that fills up: what is whole stays, and the work goes on when there is room again."""
 
-import subprocess
-from collections.abc import Iterator
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import rerun as rr
+import rerun.blueprint as rrb
 from click.testing import CliRunner, Result
 
 from pipeline.cli import cli
+from rerun_blueprints.whole_file import recorded
+from tests.pipeline.tiny_pipeline import (
+    ARTIFACTS,
+    PAIR,
+    check_ended,
+    check_kept,
+    check_resumed,
+    pipeline,
+    remount,
+    size,
+    small_disk,
+)
 
 TINY = {
     **{"policy.schemes": '["oracle"]', "policy.episodes": "14", "policy.warmup_episodes": "1"},
@@ -19,39 +33,95 @@ TINY = {
 CELL = "runs/n/reach-oracle-orbit00-seed0"
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A filesystem of 256 kB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(disk)]
-    try:
-        subprocess.run(mount, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no filesystem can be mounted here")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
-
-
 def train(data: Path, *more: str) -> Result:
     settings = [part for key, value in TINY.items() for part in ("--set", f"{key}={value}")]
     return CliRunner().invoke(cli, ["train-policy", "--name", "n", "--data", str(data), *settings, *more])
 
 
-def test_a_run_goes_on_when_there_is_room_again(
-    small_disk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pipeline.steps.policy.require_space", lambda directory, needed: None)
-    full = train(small_disk)
-    assert full.exit_code == 4 and "the disk is full" in full.stderr and "--resume" in full.stderr
-    assert full.stderr.count("\n") == 1
-    run = small_disk / CELL
-    kept = pq.read_table(run / "episodes.parquet").num_rows
-    parts = sorted((run / "transitions").iterdir())
-    assert 2 <= kept < 14 and sum(pq.read_metadata(part).num_rows for part in parts) >= 60 * kept
-    assert not list(run.rglob(".*.tmp")), "half a file would take the room"
-    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
-    assert train(small_disk, "--resume").exit_code == 0
-    assert train(tmp_path / "whole").exit_code == 0
-    for name in ("transitions/part-00000.parquet", "evaluations.parquet", "checkpoints/policy.safetensors"):
-        assert (run / name).read_bytes() == (tmp_path / "whole" / CELL / name).read_bytes(), name
+@pytest.mark.usefixtures("endless")
+def test_a_run_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", 256 * 1024) as disk:
+        full = train(disk)
+        assert full.exit_code == 4 and "the disk is full" in full.stderr and "--resume" in full.stderr
+        assert full.stderr.count("\n") == 1
+        run = disk / CELL
+        kept = pq.read_table(run / "episodes.parquet").num_rows
+        parts = sorted((run / "transitions").iterdir())
+        assert 2 <= kept < 14 and sum(pq.read_metadata(part).num_rows for part in parts) >= 60 * kept
+        assert not list(run.rglob(".*.tmp")), "half a file would take the room"
+        remount(disk, "size=64m")
+        assert train(disk, "--resume").exit_code == 0
+        assert train(tmp_path / "whole").exit_code == 0
+        for name in ("transitions/part-00000.parquet", "evaluations.parquet", "checkpoints/policy.safetensors"):
+            assert (run / name).read_bytes() == (tmp_path / "whole" / CELL / name).read_bytes(), name
+
+
+@pytest.mark.usefixtures("endless")
+def test_parts_in_processes_of_their_own(whole_pair: Path, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", size(whole_pair)) as disk:  # without room to merge the parts
+        full = pipeline("train-policy", disk, **PAIR)
+        check_ended(full, "the disk is full", "free space, then --resume")
+        for run in (disk / "runs" / "n").iterdir():
+            check_kept(run)
+        remount(disk, "size=64m")
+        check_resumed(whole_pair, disk, "train-policy", **PAIR)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.usefixtures("endless")
+def test_collecting(whole: Path, tmp_path: Path, workers: int) -> None:
+    with small_disk(tmp_path / "disk", size(whole / "datasets") // 2) as disk:
+        check_ended(pipeline("collect", disk, collect__workers=workers), "no space left for", "continue with --resume")
+        dataset = disk / ARTIFACTS["collect"]
+        kept = {path.name: path.stat().st_mtime_ns for path in dataset.glob("episodes/*")}
+        assert 1 <= len(kept) < 12
+        check_kept(dataset)
+        remount(disk, "size=64m")
+        check_resumed(whole, disk, "collect")
+        made = {path.name: path for path in dataset.glob("episodes/*")}
+        assert {name: made[name].stat().st_mtime_ns for name in kept} == kept, "whole episodes are not made again"
+        for name, path in made.items():
+            assert path.read_bytes() == (whole / ARTIFACTS["collect"] / "episodes" / name).read_bytes()
+
+
+@pytest.mark.parametrize(("checkpoints", "where"), [(1.5, "epoch-000002.safetensors"), (2.02, "estimator.safetensors")])
+@pytest.mark.usefixtures("endless")
+def test_training_an_estimator(whole: Path, tmp_path: Path, checkpoints: float, where: str) -> None:
+    """While the second of two checkpoints is written, and when the estimator is."""
+    weights = (whole / ARTIFACTS["train-perception"] / "estimator.safetensors").stat().st_size
+    room = size(whole / "datasets") + int(checkpoints * 4 * weights) + 65536  # with the best weights and two moments
+    with small_disk(tmp_path / "disk", room) as disk:
+        shutil.copytree(whole / "datasets", disk / "datasets")
+        check_ended(pipeline("train-perception", disk), "the disk is full", where, "free space, then --resume")
+        estimator = disk / ARTIFACTS["train-perception"]
+        check_kept(estimator)
+        assert pq.read_table(estimator / "epochs.parquet").num_rows == 4
+        assert (estimator / "checkpoints" / "epoch-000001.safetensors").exists()
+        remount(disk, "size=64m")
+        check_resumed(whole, disk, "train-perception")
+        ours, theirs = (root / ARTIFACTS["train-perception"] / "estimator.safetensors" for root in (disk, whole))
+        assert ours.read_bytes() == theirs.read_bytes()
+
+
+@pytest.mark.parametrize("room", [40_000, 400_000])
+def test_a_report(whole: Path, tmp_path: Path, room: int) -> None:
+    with small_disk(tmp_path / "disk", size(whole) + room) as disk:
+        shutil.copytree(whole, disk, dirs_exist_ok=True)
+        full = pipeline("analyze", disk)
+        assert full.exit_code == 4 and full.stderr.count("Error: ") == 1, full.output
+        assert "unexpected" not in full.stderr and "again" in full.stderr, full.stderr
+        assert list((disk / "reports").iterdir()) == []
+        remount(disk, "size=64m")
+        made = pipeline("analyze", disk)
+        assert made.exit_code == 0, made.output
+
+
+def test_a_recording(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (100, 100, 3), dtype=np.uint8)  # 30 kB
+    with small_disk(tmp_path / "disk", 32 * 1024) as disk:
+        recording = rr.RecordingStream("full")
+        with pytest.raises(OSError, match="No space left"), recorded(recording, disk / "full.rrd", rrb.Blueprint()):
+            for number in range(4):
+                recording.set_time("step", sequence=number)
+                recording.log("picture", rr.Image(noise))
+        assert list(disk.iterdir()) == []

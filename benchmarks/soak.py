@@ -1,0 +1,196 @@
+"""A million transitions, watched from outside: memory, file handles, processes, shared memory; and what ends leave."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+
+import psutil
+import pyarrow.parquet as pq
+
+from benchmarks.outcome import Outcome, Target
+from schemas.files import transition_parts
+
+_EVERY = 1.0  # [s] between two looks
+_PATIENCE = 10.0  # [s] for the workers of an ended process to end
+_TINY = {
+    **{"collect.episodes": 12, "collect.steps": 50, "perception.epochs": 1, "perception.batch_size": 16},
+    **{"policy.td3.hidden": [32, 32], "policy.td3.batch_size": 32, "policy.warmup_episodes": 1},
+}
+_BLIND = {"policy.schemes": ["oracle"], "policy.seeds": list(range(10)), "policy.episodes": 250}
+_SEEING = {"policy.schemes": ["oracle", "dense"], "policy.seeds": [0, 1], "policy.episodes": 60}
+_ENDS: dict[str, tuple[signal.Signals, ...]] = {
+    "by itself": (),
+    "Ctrl-C": (signal.SIGINT,),
+    "Ctrl-C twice": (signal.SIGINT, signal.SIGINT),
+    "SIGTERM": (signal.SIGTERM,),
+    "SIGKILL": (signal.SIGKILL,),
+}
+
+
+@dataclass
+class _Watched:
+    """What a command used while it ran, look by look, and what it left."""
+
+    memory: list[float] = field(default_factory=list)  # [MB], of all its processes
+    handles: list[int] = field(default_factory=list)
+    seen: set[psutil.Process] = field(default_factory=set)
+    seconds: float = 0.0
+    left: list[str] = field(default_factory=list)  # processes, shared memory, temporary files
+
+    def growth(self, values: Sequence[float]) -> float:
+        """From the third tenth, when it is warm, to the last, as a share."""
+        tenth = max(1, len(values) // 10)
+        return median(values[-tenth:]) / median(values[2 * tenth : 3 * tenth]) - 1
+
+
+def run(quick: bool) -> Outcome:
+    """A million transitions of ten oracles, a hundred thousand with camera and estimator, and every kind of end."""
+    with tempfile.TemporaryDirectory() as directory:
+        root = Path(directory)
+        for command in ("collect", "train-perception"):
+            _finished(_start(root, command, {}, "eye"), command)
+        blind = {**_BLIND, "policy.final_episodes": 250}
+        seeing = {**_SEEING, "policy.final_episodes": 60, "policy.processes": 2, "policy.workers": 1}
+        if quick:
+            short = {"world.horizon": 20, "policy.episodes": 8, "policy.final_episodes": 8}
+            blind, seeing = {**blind, **short}, {**seeing, **short}
+        watched = {
+            "oracles": _watch(_start(root, "train-policy", blind, "blind"), root),
+            "with camera": _watch(_start(root, "train-policy", seeing, "seeing", "--estimator", "eye"), root),
+        }
+        left = [f"{how}: {found}" for how, signals in _ENDS.items() for found in _ended(root, how, signals, quick)]
+        counts = {name: _transitions(root / "runs" / name) for name in ("blind", "seeing")}
+    return _outcome(watched, left, counts, quick)
+
+
+def _start(root: Path, command: str, settings: Mapping[str, object], name: str, *more: str) -> subprocess.Popen[bytes]:
+    """A command in a process group of its own, its temporary files in a directory of their own."""
+    (root / "tmp").mkdir(exist_ok=True)
+    pairs = [part for key, value in {**_TINY, **settings}.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    dataset = ["--dataset", "eye"] if command == "train-perception" else []
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipeline", command, "--name", name, "--data", str(root), *dataset, *more, *pairs],
+        env=os.environ | {"TMPDIR": str(root / "tmp")},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def _finished(process: subprocess.Popen[bytes], what: str) -> None:
+    _, said = process.communicate()
+    if process.returncode:
+        raise RuntimeError(f"{what} failed: {said.decode()}")
+
+
+def _watch(process: subprocess.Popen[bytes], root: Path, until: float = float("inf")) -> _Watched:
+    """Look at a command until it ends, or for so many seconds."""
+    found, started, shared = _Watched(), time.monotonic(), _shared_memory()
+    while process.poll() is None and time.monotonic() - started < until:
+        _look(found, psutil.Process(process.pid))
+        time.sleep(_EVERY)
+    found.seconds = time.monotonic() - started
+    if until == float("inf"):
+        _finished(process, "a soak")
+        found.left = _left(found.seen, shared, root)
+    return found
+
+
+def _look(found: _Watched, process: psutil.Process) -> None:
+    try:
+        family = [process, *process.children(recursive=True)]
+        found.seen.update(family)
+        memory, handles = (
+            [each.memory_full_info().pss for each in family],
+            [each.num_fds() for each in family],
+        )
+    except psutil.Error:  # one has ended between two questions
+        return
+    found.memory.append(sum(memory) / 1e6)
+    found.handles.append(sum(handles))
+
+
+def _ended(root: Path, how: str, signals: tuple[signal.Signals, ...], quick: bool) -> list[str]:
+    """What is left of a training in several processes that is ended in the middle."""
+    short = {"policy.episodes": 4 if quick or not signals else 400, "policy.final_episodes": 1, "world.horizon": 50}
+    settings = {**_SEEING, **short, "policy.processes": 2, "policy.workers": 1}
+    shared, name = _shared_memory(), how.replace(" ", "-")
+    process = _start(root, "train-policy", settings, name, "--estimator", "eye")
+    found = _watch(process, root, until=20)
+    for number in signals:
+        os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+        time.sleep(1)
+    process.communicate()
+    return _left(found.seen, shared, root)
+
+
+def _left(seen: set[psutil.Process], shared: set[str], root: Path) -> list[str]:
+    _, alive = psutil.wait_procs(list(seen), timeout=_PATIENCE)
+    temporary = sorted(path.name for path in (root / "tmp").iterdir())
+    for name in temporary:
+        (root / "tmp" / name).rename(root / f"left-{len(list(root.iterdir()))}-{name}")
+    return [
+        *(f"process {each.pid}" for each in alive),
+        *(f"shared memory {name}" for name in sorted(_shared_memory() - shared)),
+        *(f"temporary {name}" for name in temporary),
+    ]
+
+
+def _shared_memory() -> set[str]:
+    there = Path("/dev/shm")
+    return {path.name for path in there.iterdir()} if there.is_dir() else set()
+
+
+def _transitions(group: Path) -> int:
+    return sum(pq.read_metadata(path).num_rows for run in group.iterdir() for path in transition_parts(run))
+
+
+def _outcome(watched: dict[str, _Watched], left: list[str], counts: dict[str, int], quick: bool) -> Outcome:
+    blind, seeing = watched["oracles"], watched["with camera"]
+    left = [*(f"{name}: {found}" for name, each in watched.items() for found in each.left), *left]
+    return Outcome(
+        benchmark="soak",
+        compares="the memory and the file handles of a training at its end with those when it was warm",
+        unit="look",
+        targets=[
+            Target("transitions", counts["blind"], 3_200 if quick else 1_000_000),
+            Target("growth of memory, oracles", blind.growth(blind.memory), 0.01, at_least=False),
+            Target("growth of memory, with camera", seeing.growth(seeing.memory), 0.01, at_least=False),
+            Target("growth of file handles, oracles", blind.growth(blind.handles), 0, at_least=False),
+            Target("growth of file handles, with camera", seeing.growth(seeing.handles), 0, at_least=False),
+            Target("left after an end", len(left), 0, at_least=False),
+        ],
+        figures={
+            **{f"{name}: memory when warm [MB]": median(each.memory) for name, each in watched.items()},
+            **{f"{name}: seconds": each.seconds for name, each in watched.items()},
+            "with camera: transitions": counts["seeing"],
+        },
+        table=_curve(watched),
+        notes=[f"ends: {', '.join(_ENDS)}", *left[:10]],
+    )
+
+
+def _curve(watched: dict[str, _Watched]) -> list[dict[str, object]]:
+    """Memory and handles tenth by tenth."""
+    rows: list[dict[str, object]] = []
+    for name, each in watched.items():
+        for tenth in range(10):
+            window = slice(tenth * len(each.memory) // 10, (tenth + 1) * len(each.memory) // 10 or 1)
+            if each.memory[window]:
+                rows.append(
+                    {
+                        "run": name,
+                        "tenth": tenth + 1,
+                        "memory [MB]": round(median(each.memory[window]), 1),
+                        "file handles": median(each.handles[window]),
+                    }
+                )
+    return rows
