@@ -92,7 +92,8 @@ class MatrixConfig(RunConfig):
     workers: Annotated[int, Field(ge=0, le=256)] | None = None
     """Processes that simulate and render for each of them; 0: none. Default: the cores that are left."""
     threads: Annotated[int, Field(ge=1, le=256)] | None = None
-    """CPU threads of each one's networks. Default: its share of the cores. The logs depend on none of the three."""
+    """CPU threads of each one's networks. Default: its share of the cores. The logs depend on none of the three, but for
+    the last digit where layers have fewer than 16 units."""
     reach: dict[str, Any] = Field(default={})
     """Keys of this section that differ for reach."""
     lift: dict[str, Any] = Field(default={})
