@@ -8,7 +8,11 @@ from typing import Any, NamedTuple
 
 import click
 
+from pipeline.text import printable
+
 RESUMABLE = ("collect", "train-perception", "train-policy")
+_SQL = "SQL: "
+"""Begins the messages of more than a line: below DuckDB's the place is shown."""
 
 
 class Failure(NamedTuple):
@@ -68,7 +72,8 @@ def report(error: BaseException, arguments: Sequence[str]) -> int:
     failure = classify(error, arguments)
     if "--debug" in arguments:
         traceback.print_exception(error, file=sys.stderr)
-    click.echo(f"Error: {failure.message}", err=True)
+    kept = "\n" if failure.message.startswith(_SQL) else ""
+    click.echo(f"Error: {printable(failure.message, kept)}", err=True)
     if "--json" in arguments:
         said = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
         click.echo(json.dumps({"error": {**said, **failure.details}}))
