@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -65,8 +66,8 @@ class Ground:
         after = self._snapshot()
         changed = {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
         assert not changed, changed
-        for file in self.out.iterdir():
-            file.unlink()
+        shutil.rmtree(self.out)
+        self.out.mkdir()
 
     @contextmanager
     def damaged(self, path: Path, damage: Callable[[bytes], bytes]) -> Iterator[None]:
