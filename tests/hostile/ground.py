@@ -34,10 +34,18 @@ class Ground:
 
     def call(self, *arguments: object, data: object = None, input: str | bytes | None = None) -> Result:
         """The command as it ends; it ends as the contract says."""
-        given = [*map(str, arguments), "--data", str(self.data if data is None else data)]
-        result = CliRunner().invoke(cli, given, input=input)
+        return self.ask(*arguments, "--data", self.data if data is None else data, input=input)
+
+    def ask(self, *arguments: object, input: str | bytes | None = None) -> Result:
+        """The same, with every word given."""
+        result = CliRunner().invoke(cli, [*map(str, arguments)], input=input)
         judge(result)
         return result
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Of a process of its own, which finds this code and this data root."""
+        return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "PIPELINE_DATA": str(self.data)}
 
     def refused(self, *arguments: object, codes: tuple[int, ...] = (3,), **options: Any) -> Result:
         """The command, which must refuse its input."""
