@@ -85,7 +85,7 @@ def replay(
     looks_again = estimator is not None or (moved and used is not None)
     if not save and not looks_again and (moved or image_size is not None):
         raise ConfigError("nothing is rendered without --save FILE: add it, or leave the camera's options out")
-    path, by = options.store.path(run_id), estimator or used
+    path, by = options.store.path(run_id), used if estimator is None else estimator
     require_sim()
     from stages.replay.export import check_target, export_episode
     from stages.replay.frames import View

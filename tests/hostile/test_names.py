@@ -73,7 +73,7 @@ _directory_names = odd_names.filter(
 )
 
 
-@cases(40, 400)
+@cases(10, 300)
 @given(_directory_names, st.sampled_from(["datasets", "estimators", "runs"]), st.booleans())
 @example("[/]", "runs", False)  # once an unexpected MarkupError
 @example("'; DROP TABLE runs; --", "runs", False)
@@ -104,7 +104,7 @@ def test_names_that_lie_there(ground: Ground, name: str, kind: str, admits_it: b
         shutil.rmtree(copy)
 
 
-@cases(25, 250)
+@cases(8, 150)
 @given(_directory_names)
 @example("it's")
 @example("*?[]{}")
@@ -121,9 +121,6 @@ def test_data_roots(ground: Ground, name: str) -> None:
             ground.call("collect", "--dry-run", data=root)
     finally:
         shutil.rmtree(root.parent)
-
-
-ROOTS = ("a file", "a dangling link", "a link in a circle", "below a file", "of another", "\ud800")
 
 
 @pytest.fixture
@@ -148,7 +145,7 @@ def odd_root(ground: Ground, request: pytest.FixtureRequest) -> Path:
 )
 def test_roots_that_are_none(ground: Ground, odd_root: Path, name: str, command: tuple[str, ...]) -> None:
     with ground.case("no data roots"):
-        assert ground.call(*command, data=odd_root / name).exit_code != 0 or command[0] in ("list", "verify")
+        ground.refused(*command, data=odd_root / name, codes=(2,))
 
 
 @pytest.mark.parametrize("name", [b"\xff\xfe", b"$(touch canary)", "‮".encode()])
