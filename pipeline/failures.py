@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from pipeline.text import printable
+from pipeline.text import printable, shortened
 
 RESUMABLE = ("collect", "train-perception", "train-policy")
 _SQL = "SQL: "
@@ -73,7 +73,7 @@ def report(error: BaseException, arguments: Sequence[str]) -> int:
     if "--debug" in arguments:
         traceback.print_exception(error, file=sys.stderr)
     kept = "\n" if failure.message.startswith(_SQL) else ""
-    click.echo(f"Error: {printable(failure.message, kept)}", err=True)
+    click.echo(f"Error: {printable(shortened(failure.message), kept)}", err=True)
     if "--json" in arguments:
         said = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
         click.echo(json.dumps({"error": {**said, **failure.details}}))
