@@ -1,5 +1,6 @@
 """From exceptions to exit codes: one short message on stderr (SPEC §1)."""
 
+import errno
 import json
 import sys
 import traceback
@@ -11,6 +12,8 @@ import click
 from pipeline.text import printable, shortened
 
 RESUMABLE = ("collect", "train-perception", "train-policy")
+_NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What the system says of paths that nothing can have."""
 _SQL = "SQL: "
 """Begins the messages of more than a line: below DuckDB's the place is shown."""
 
@@ -62,6 +65,8 @@ def _unexpected(error: BaseException) -> Failure:
         )
     if isinstance(error, PermissionError):
         return Failure(4, "MachineError", f"permission denied: {error.filename}; choose another place with --data")
+    if isinstance(error, OSError) and error.errno in _NO_PLACE:
+        return Failure(2, "ConfigError", f"{error.filename} can be no file ({error.strerror}): choose another name")
     text = str(error).strip().splitlines()
     reason = f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
     return Failure(4, type(error).__name__, f"unexpected {reason} (--debug shows where)")

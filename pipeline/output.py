@@ -49,6 +49,8 @@ def table(*columns: str, title: str | None = None) -> Table:
     made = _Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for column in columns:
         made.add_column(
-            Text(printable(column.removeprefix("#"))), justify="right" if column.startswith("#") else "left", overflow="fold"
+            Text(printable(column.removeprefix("#"))),
+            justify="right" if column.startswith("#") else "left",
+            overflow="fold",
         )
     return made

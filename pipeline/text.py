@@ -1,6 +1,5 @@
 """Text from elsewhere, shown on a terminal."""
 
-
 _LONGEST = 1200  # characters
 
 

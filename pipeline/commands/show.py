@@ -85,7 +85,9 @@ def _title(node: "Lineage") -> str:
     if node.manifest is None:
         return f"[bold]{name}[/] [red]gone since[/]"
     changed = " [red]changed since it was the input[/]" if node.changed else ""
-    return f"[bold]{name}[/] {node.manifest.status}{changed}  [dim]{escape(printable(headline(node.manifest.summary)))}[/]"
+    return (
+        f"[bold]{name}[/] {node.manifest.status}{changed}  [dim]{escape(printable(headline(node.manifest.summary)))}[/]"
+    )
 
 
 def _facts(node: "Lineage") -> list[tuple[str, str]]:

@@ -25,7 +25,10 @@ class TD3Config(Config):
     learning_rate_end: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Share of the learning rate that is left at the end; it falls linearly over the second half of the training
     episodes, so that the last policy is not one, lucky or not, of many that differ. 1: constant, as in TD3."""
-    hidden: Annotated[tuple[Annotated[int, Field(ge=1, le=65_536)], ...], Field(min_length=1, max_length=64)] = (256, 256)
+    hidden: Annotated[tuple[Annotated[int, Field(ge=1, le=65_536)], ...], Field(min_length=1, max_length=64)] = (
+        256,
+        256,
+    )
     batch_size: Annotated[int, Field(ge=1, le=1_000_000)] = 256
     policy_delay: Annotated[int, Field(ge=1)] = 2
     """Critic updates per actor and target update."""

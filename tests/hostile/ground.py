@@ -127,5 +127,5 @@ def judge(result: Result) -> None:
     assert said.startswith("Error: "), said
     assert "unexpected" not in said.split(":", 2)[1], said  # nobody foresaw it: see pipeline/failures.py
     assert len(said) <= LONGEST, said
-    assert said.count("\n") == 1 or "LINE " in said, said  # DuckDB shows the place below its message
+    assert said.count("\n") == 1 or said.startswith("Error: SQL: "), said  # DuckDB shows the place below its message
     assert all(character.isprintable() or character == "\n" for character in said), repr(said)

@@ -147,6 +147,8 @@ ABSURD = (
 def test_what_no_machine_can_do(ground: Ground, key: str, value: Any) -> None:
     """Right by its type, absurd by its size: refused with the range."""
     with ground.case("absurd values"):
-        refused = ground.refused("train-policy", "--dry-run", "--estimator", "resnet", "--set", f"{key}={value}", codes=(2,))
+        refused = ground.refused(
+            "train-policy", "--dry-run", "--estimator", "resnet", "--set", f"{key}={value}", codes=(2,)
+        )
         assert key in refused.stderr
         assert "allowed: " in refused.stderr or " at most " in refused.stderr or " at least " in refused.stderr

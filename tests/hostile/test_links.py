@@ -103,9 +103,7 @@ def test_nothing_is_written_through_a_link(
 
 
 @pytest.mark.parametrize("kind", ["datasets", "estimators", "runs", "reports"])
-def test_a_whole_kind_elsewhere(
-    ground: Ground, outside: Path, linked: Callable[[Path, Path], None], kind: str
-) -> None:
+def test_a_whole_kind_elsewhere(ground: Ground, outside: Path, linked: Callable[[Path, Path], None], kind: str) -> None:
     linked(ground.data / kind, outside / kind)
     artifact = next(each for each in ARTIFACTS if each.startswith(kind))
     with ground.case("links out"):
@@ -121,7 +119,9 @@ def test_a_planted_log_is_no_log(ground: Ground, request: pytest.FixtureRequest)
     planted.symlink_to(whole)
     request.addfinalizer(planted.unlink)
     with ground.case("planted logs"):
-        counted = ground.call("sql", "SELECT run, count(*) FROM transitions GROUP BY ALL ORDER BY ALL", "--format", "csv")
+        counted = ground.call(
+            "sql", "SELECT run, count(*) FROM transitions GROUP BY ALL ORDER BY ALL", "--format", "csv"
+        )
         assert f"{LEARNT.removeprefix('runs/')},200" in counted.stdout
 
 

@@ -40,7 +40,11 @@ def test_bytes(ground: Ground, artifact: str, damage: Damage, data: st.DataObjec
 
 NO_JSON = (
     *(b"", b"{", b"[]", b"null", b"\xff\xfe", b"\xef\xbb\xbf{}", b"[" * 100_000, b'{"a":' * 5_000, b"\0" * 64),
-    *(b'{"schema_version": NaN}', b'{"schema_version": 1' + b"0" * 5_000 + b"}", b'{"schema_version": 1, "id": "\\ud800"}'),
+    *(
+        b'{"schema_version": NaN}',
+        b'{"schema_version": 1' + b"0" * 5_000 + b"}",
+        b'{"schema_version": 1, "id": "\\ud800"}',
+    ),
 )
 
 
@@ -99,7 +103,7 @@ def test_a_setting_that_is_something_else(
     def edit(fields: dict[str, Any]) -> None:
         for section in sections:
             fields = fields[section]
-        fields.pop(last) if remove else fields.update({last: value})
+        fields.pop(last, None) if remove else fields.update({last: value})
 
     with ground.edited(artifact, edit), ground.case("manifest settings"):
         ground.call(*STAGES[artifact], "--dry-run" if artifact in (DATASET, ESTIMATOR, LEARNT) else "--quiet")

@@ -26,7 +26,6 @@ ASKED = (
     ("analyze", "--dry-run", "--name"),
     ("run", "demo", "--dry-run", "--study"),
     ("relabel", LEARNT, "--scheme", "sparse", "--estimator"),
-    ("relabel", LEARNT, "--scheme", "oracle", "--name"),
     ("list",),
     ("show",),
     ("verify",),
