@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def _root(context: click.Context, parameter: click.Parameter, path: Path) -> Path:
+def _root(_context: click.Context, _parameter: click.Parameter, path: Path) -> Path:
     """The data root, if it is a directory or can become one."""
     try:
         there = next(each for each in (path, *path.parents) if each.exists() or each.is_symlink())

@@ -35,7 +35,7 @@ def _files(ground: Ground, artifact: str) -> list[Path]:
     return sorted(path for path in found if path.is_file() and path.name != "manifest.json")
 
 
-@cases(60, 800)
+@cases(40, 800)
 @given(st.data(), st.sampled_from(ARTIFACTS), damages)
 def test_no_stage_reads_a_damaged_file(ground: Ground, data: st.DataObject, artifact: str, damage: Damage) -> None:
     path = data.draw(st.sampled_from(_files(ground, artifact)))
@@ -45,7 +45,7 @@ def test_no_stage_reads_a_damaged_file(ground: Ground, data: st.DataObject, arti
             assert "is damaged" in ground.refused(*reader).stderr
 
 
-@cases(10, 60)
+@cases(8, 60)
 @given(st.data())
 def test_files_that_changed_places(ground: Ground, data: st.DataObject) -> None:
     files = [path for artifact in ARTIFACTS for path in _files(ground, artifact)]
@@ -75,7 +75,7 @@ REPLAY = ("replay", REPLAYED, "--episode", "0", "--quiet")
 VIEWED = ("view", DATASET, "--save", "out/x.rrd", "--json")
 
 
-@cases(25, 250)
+@cases(6, 250)
 @given(st.data(), damages)
 def test_no_answer_is_from_a_damaged_log(asked: Ground, data: st.DataObject, damage: Damage) -> None:
     files = [each for artifact in ARTIFACTS for each in _files(asked, artifact) if each.parent.name != "transitions"]
@@ -84,7 +84,7 @@ def test_no_answer_is_from_a_damaged_log(asked: Ground, data: st.DataObject, dam
             asked.not_deceived(*question)
 
 
-@cases(15, 150)
+@cases(10, 150)
 @given(st.data(), damages)
 def test_what_is_shown_is_what_was_logged(asked: Ground, data: st.DataObject, damage: Damage) -> None:
     files = [*_files(asked, REPLAYED), *_files(asked, DATASET)]
@@ -93,7 +93,7 @@ def test_what_is_shown_is_what_was_logged(asked: Ground, data: st.DataObject, da
         asked.not_deceived(*VIEWED)
 
 
-@cases(15, 150)
+@cases(8, 150)
 @given(damages)
 def test_sql_over_damaged_transitions_ends_well(ground: Ground, damage: Damage) -> None:
     """Their content is verified by `pipeline verify` and by the stages; a query checks their size only."""
@@ -103,7 +103,7 @@ def test_sql_over_damaged_transitions_ends_well(ground: Ground, damage: Damage) 
         assert answer.exit_code in (0, 3), answer.stderr
 
 
-@cases(25, 250)
+@cases(12, 250)
 @given(damages)
 def test_an_episode_file_of_nobody(ground: Ground, damage: Damage) -> None:
     whole = (ground.data / EPISODE).read_bytes()

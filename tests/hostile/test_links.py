@@ -1,7 +1,7 @@
 """Links: what leads out of the data root, or out of its artifact, is not read; what stays inside is."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -55,11 +55,11 @@ LINKS: dict[str, Callable[[Path], Path]] = {"the artifact": _whole, "its manifes
 
 
 @pytest.fixture
-def outside(ground: Ground, request: pytest.FixtureRequest) -> Path:
+def outside(ground: Ground) -> Iterator[Path]:
     made = ground.guard / "elsewhere"
     made.mkdir()
-    request.addfinalizer(lambda: shutil.rmtree(made))
-    return made
+    yield made
+    shutil.rmtree(made)
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ EVERYBODY = (
 Edit = Callable[[dict[str, Any]], Any]
 
 
-@cases(40, 500)
+@cases(15, 300)
 @given(st.sampled_from(ARTIFACTS), damages, st.data())
 def test_bytes(ground: Ground, artifact: str, damage: Damage, data: st.DataObject) -> None:
     with ground.damaged(ground.data / artifact / "manifest.json", damage), ground.case("manifest bytes"):
@@ -73,7 +73,7 @@ FIELDS = (
 )
 
 
-@cases(60, 700)
+@cases(15, 300)
 @given(st.sampled_from(ARTIFACTS), st.sampled_from(FIELDS), _odd, st.data())
 def test_a_field_that_is_something_else(
     ground: Ground, artifact: str, field: str, value: Any, data: st.DataObject
@@ -91,7 +91,7 @@ def _leaves(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
     return [path, *(leaf for key, inner in value.items() for leaf in _leaves(inner, (*path, key)))]
 
 
-@cases(60, 700)
+@cases(8, 300)
 @given(st.sampled_from(ARTIFACTS), st.sampled_from(["config", "summary", "environment", "code"]), _odd, st.data())
 def test_a_setting_that_is_something_else(
     ground: Ground, artifact: str, part: str, value: Any, data: st.DataObject
@@ -119,7 +119,7 @@ _paths = st.one_of(
 _sizes = st.sampled_from([0, -1, 10**30, 2**63, "12", None, 1.5, True])
 
 
-@cases(40, 400)
+@cases(20, 200)
 @given(st.sampled_from(ARTIFACTS[:4]), _paths, st.one_of(st.none(), _sizes))
 @example(DATASET, "x\0y", None)  # once an unexpected ValueError: embedded null byte
 @example(LEARNT, "x\0y.parquet", None)
@@ -193,7 +193,7 @@ def test_inputs_in_a_circle(ground: Ground, first: str, then: str) -> None:
         ground.call("view", ESTIMATOR, "--save", "out/x.rrd")
 
 
-@cases(20, 200)
+@cases(8, 100)
 @given(odd_names)
 @example("x\0y")
 def test_inputs_that_nothing_can_be(ground: Ground, name: str) -> None:

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -47,7 +48,7 @@ def _takes(arguments: tuple[str, ...]) -> bool:
     return arguments[-1].startswith("--") and arguments[-1] != "--schema"
 
 
-@cases(80, 800)
+@cases(50, 500)
 @given(st.sampled_from(ASKED), odd_names)
 @example(("show",), "a\nb")
 @example(("train-policy", "--dry-run", "--offline"), "")
@@ -72,7 +73,7 @@ _directory_names = odd_names.filter(
 )
 
 
-@cases(10, 300)
+@cases(2, 100)
 @given(_directory_names, st.sampled_from(["datasets", "estimators", "runs"]), st.booleans())
 @example("[/]", "runs", False)  # once an unexpected MarkupError
 @example("'; DROP TABLE runs; --", "runs", False)
@@ -103,7 +104,7 @@ def test_names_that_lie_there(ground: Ground, name: str, kind: str, admits_it: b
         shutil.rmtree(copy)
 
 
-@cases(8, 150)
+@cases(2, 80)
 @given(_directory_names)
 @example("it's")
 @example("*?[]{}")
@@ -123,14 +124,14 @@ def test_data_roots(ground: Ground, name: str) -> None:
 
 
 @pytest.fixture
-def odd_root(ground: Ground, request: pytest.FixtureRequest) -> Path:
+def odd_root(ground: Ground) -> Iterator[Path]:
     made = ground.guard / "roots"
     made.mkdir()
-    request.addfinalizer(lambda: shutil.rmtree(made))
     (made / "a file").write_text("")
     (made / "a dangling link").symlink_to(made / "nowhere")
     (made / "a link in a circle").symlink_to(made / "a link in a circle")
-    return made
+    yield made
+    shutil.rmtree(made)
 
 
 @pytest.mark.parametrize("name", ["a file", "a dangling link", "a link in a circle", "a file/below", "x" * 300])

@@ -127,20 +127,23 @@ DISGUISES = st.sampled_from(
 )  # fmt: skip
 
 
-@cases(25, 250)
+@cases(12, 250)
 @given(st.sampled_from(STATEMENTS), DISGUISES)
 def test_what_does_more_than_read(ground: Ground, statement: str, disguise: str) -> None:
     with ground.case("statements"):
         ground.refused("sql", _disguised(_filled(ground, statement), disguise), codes=(2,))
 
 
+SHAPES = (
+    *("FROM {}", "SELECT count(*) FROM {}", "FROM runs, {}", "DESCRIBE FROM {}", "SUMMARIZE FROM {}"),
+    *("SELECT (SELECT count(*) FROM {})", "FROM (FROM {}) UNION ALL FROM (FROM {})"),
+)
 HARMLESS = ("duckdb_settings()", "query_table('runs')", "test_all_types()", "repeat_row(1, num_rows=1)")
 """They tell nothing that is not the caller's."""
 
 
-@cases(25, 250)
-@given(st.sampled_from(READS), st.sampled_from(["FROM {}", "SELECT count(*) FROM {}", "FROM runs, {}", "DESCRIBE FROM {}",
-       "SUMMARIZE FROM {}", "SELECT (SELECT count(*) FROM {})", "FROM (FROM {}) UNION ALL FROM (FROM {})"]), DISGUISES)  # fmt: skip
+@cases(12, 250)
+@given(st.sampled_from(READS), st.sampled_from(SHAPES), DISGUISES)
 @example("glob('{guard}/*')", "FROM {}", "plain")
 def test_what_reads_elsewhere(ground: Ground, source: str, shape: str, disguise: str) -> None:
     query = _disguised(shape.replace("{}", _filled(ground, source)), disguise)
@@ -159,13 +162,13 @@ def test_expressions_that_know_too_much(ground: Ground, expression: str) -> None
         assert result.exit_code == 2 or "current_setting" in expression or "getvariable" in expression, result.stdout
 
 
-@cases(25, 250)
+@cases(10, 200)
 @given(st.text(max_size=80))
 @example("SELECT 1 -- \0")
 @example("\0")
-@example("(" * 5_000 + "1" + ")" * 5_000)
-@example("SELECT " + "-" * 20_000 + "1")
-@example("SELECT " + "+".join("1" for _ in range(20_000)))
+@example("(" * 1_000 + "1" + ")" * 1_000)
+@example("SELECT " + "- " * 3_000 + "1")
+@example("SELECT " + "+".join("1" * 2_000))
 @example("SELECT " + "(SELECT " * 500 + "1" + ")" * 500)
 def test_texts_that_are_no_query(ground: Ground, text: str) -> None:
     with ground.case("no queries"):

