@@ -1,4 +1,4 @@
-# make demo · make test · make check · make bench     (PYTHON=python3.12 make … for another interpreter)
+# make demo · make test · make test-long · make check · make bench     (PYTHON=python3.12 make … for another interpreter)
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -7,13 +7,17 @@ APT := DEBIAN_FRONTEND=noninteractive apt-get
 GL_CHECK := $(BIN)/python -c "from stages.sim.gl import gl_renderer; print('OpenGL:', gl_renderer())"
 WITH_GL = MUJOCO_GL=$${MUJOCO_GL:-$$(cat .venv/gl)}
 
-.PHONY: demo test check bench format gl clean
+.PHONY: demo test test-long check bench format gl clean
 
 demo: gl
 	$(WITH_GL) $(BIN)/pipeline run demo
 
 test: gl .venv/bench
 	$(WITH_GL) $(BIN)/pytest -n 2 --dist loadfile --durations 10
+
+# Damaged and hostile input of every kind, thousands of cases, others each time: minutes.
+test-long: gl .venv/bench
+	$(WITH_GL) HYPOTHESIS_PROFILE=long $(BIN)/pytest tests/hostile
 
 check: .venv/installed
 	$(BIN)/ruff check .

@@ -1,5 +1,6 @@
 """From exceptions to exit codes: one short message on stderr (SPEC §1)."""
 
+import errno
 import json
 import sys
 import traceback
@@ -8,7 +9,13 @@ from typing import Any, NamedTuple
 
 import click
 
+from pipeline.text import printable, shortened
+
 RESUMABLE = ("collect", "train-perception", "train-policy")
+_NO_PLACE = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What the system says of paths that nothing can have."""
+_SQL = "SQL: "
+"""Begins the messages of more than a line: below DuckDB's the place is shown."""
 
 
 class Failure(NamedTuple):
@@ -56,6 +63,8 @@ def _usage(error: click.ClickException) -> str:
 
 
 def _unexpected(error: BaseException) -> Failure:
+    if isinstance(error, OSError) and error.errno in _NO_PLACE:
+        return Failure(2, "ConfigError", f"{error.filename} can be no file ({error.strerror}): choose another name")
     text = str(error).strip().splitlines()
     reason = f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
     return Failure(4, type(error).__name__, f"unexpected {reason} (--debug shows where)")
@@ -66,7 +75,8 @@ def report(error: BaseException, arguments: Sequence[str]) -> int:
     failure = classify(error, arguments)
     if "--debug" in arguments:
         traceback.print_exception(error, file=sys.stderr)
-    click.echo(f"Error: {failure.message}", err=True)
+    kept = "\n" if failure.message.startswith(_SQL) else ""
+    click.echo(f"Error: {printable(shortened(failure.message), kept)}", err=True)
     if "--json" in arguments:
         said = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
         click.echo(json.dumps({"error": {**said, **failure.details}}))

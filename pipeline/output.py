@@ -7,6 +7,9 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from pipeline.text import printable
 
 
 def print_json(result: dict[str, Any]) -> None:
@@ -33,11 +36,21 @@ def note(text: str) -> None:
     click.echo(text, err=True)
 
 
+class _Table(Table):
+    """Its cells are text, never markup: names and reasons come from disk."""
+
+    def add_row(self, *cells: str) -> None:  # type: ignore[override]
+        """Add a row."""
+        super().add_row(*(Text(printable(cell, "\n")) for cell in cells))
+
+
 def table(*columns: str, title: str | None = None) -> Table:
     """A plain table; columns that begin with '#' hold numbers."""
-    made = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    made = _Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for column in columns:
         made.add_column(
-            column.removeprefix("#"), justify="right" if column.startswith("#") else "left", overflow="fold"
+            Text(printable(column.removeprefix("#"))),
+            justify="right" if column.startswith("#") else "left",
+            overflow="fold",
         )
     return made

@@ -42,7 +42,7 @@ def parse_value(text: str, override: str) -> Any:
     """Value of a TOML literal, or the text itself when it is a bare word."""
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         if _BARE_WORD.fullmatch(text):
             return text
         raise ConfigError(

@@ -6,7 +6,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
-from pipeline.artifacts.inputs import load
+from pipeline.artifacts.inputs import load, load_shown
 from pipeline.artifacts.names import split_id
 from pipeline.artifacts.store import Store
 from pipeline.machine import require_sim
@@ -49,7 +49,7 @@ class Recorder:
         require_sim()
         from stages.replay.estimator_recording import record_estimator
 
-        dataset = load(self._root, load(self._root, f"estimators/{name}").inputs[0].id).id
+        dataset = load_shown(self._root, load(self._root, f"estimators/{name}").inputs[0].id).id
         directory = self._root / "estimators" / name
         return {"dataset": dataset, "frames": record_estimator(directory, self._root / dataset, file)}
 

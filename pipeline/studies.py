@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from itertools import product
+from math import prod
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, field_validator
@@ -13,6 +14,8 @@ from schemas.errors import ConfigError
 
 ALL = "all"
 """`--study all`; so no study has this name."""
+MOST = 256
+"""Variants of a study."""
 SECTIONS = ("policy", "world")
 """What a run is made from besides its estimator."""
 
@@ -77,6 +80,8 @@ def _check(name: str, study: StudyConfig) -> None:
                 f"studies.{name}: {key!r} cannot be changed: a study trains other runs with the same estimator, "
                 f"so it changes dotted keys of {valid} only"
             )
+    if (count := prod(map(len, study.vary.values()))) > MOST:
+        raise ConfigError(f"studies.{name}.vary has {count:,} combinations, each a matrix of runs; at most {MOST}")
     if both := [key for key in study.vary if key in study.set]:
         raise ConfigError(f"studies.{name}: {both[0]} is both in set and in vary: leave one")
 

@@ -2,6 +2,9 @@
 
 from typing import Any
 
+_MOST = 10**24
+"""[bytes] More than any disk has."""
+
 
 def duration(seconds: float) -> str:
     """1 h 02 min, 3 min 20 s, 4.1 s."""
@@ -10,8 +13,10 @@ def duration(seconds: float) -> str:
     return f"{int(seconds // 60)} min {int(seconds % 60):02d} s" if seconds >= 60 else f"{seconds:.1f} s"
 
 
-def size(count: float) -> str:
-    """1.2 GB."""
+def size(count: Any) -> str:
+    """1.2 GB; what is no number of bytes as it is."""
+    if not isinstance(count, (int, float)) or not 0 <= count < _MOST:
+        return figure(count)
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"

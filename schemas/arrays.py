@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from schemas.errors import ArtifactError
+
 
 def to_arrow(kind: pa.DataType, values: np.ndarray) -> pa.Array:
     """Values (n,) or (n, d) as a column of `kind`; NaN, which only a missing estimate gives, becomes null."""
@@ -31,6 +33,8 @@ def to_numpy(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
     """A column as (n,), a list column as (n, d); null of a float is NaN, words are strings."""
     array = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
     if pa.types.is_fixed_size_list(array.type):
+        if array.null_count:
+            raise ArtifactError(f"a log is damaged or foreign: {array.null_count:,} of its lists are null")
         return array.flatten().to_numpy(zero_copy_only=False).reshape(len(array), array.type.list_size)
     if pa.types.is_dictionary(array.type):
         return np.array(array.to_pylist(), dtype=str)

@@ -125,6 +125,14 @@ def transition_parts(run: Path) -> list[Path]:
     return sorted((run / "transitions").glob("part-*.parquet"))
 
 
+def leads_out(path: Path, directory: Path) -> bool:
+    """Followed to its end, `path` is not below `directory`: by `..`, by a link, or because it is no path at all."""
+    try:
+        return not path.resolve().is_relative_to(directory.resolve())
+    except (OSError, ValueError, RuntimeError):  # a name too long, one with NUL in it, links in a circle
+        return True
+
+
 def failure_path(run: Path) -> Path:
     """Where a run that failed keeps the episode it failed in: its own transitions/ and episodes.parquet."""
     return run / "failure"

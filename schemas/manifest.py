@@ -1,10 +1,10 @@
 """The manifest every artifact carries (SPEC §2)."""
 
-import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import from_json
 
 from schemas.errors import ArtifactError
 from schemas.tables import SCHEMA_VERSION
@@ -28,7 +28,7 @@ class FileRef(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     path: str
-    bytes: int
+    bytes: Annotated[int, Field(ge=0, lt=2**63)]
     sha256: str
 
 
@@ -51,6 +51,16 @@ class Environment(BaseModel):
     packages: dict[str, str]
 
 
+class Settings(dict[str, Any]):
+    """A manifest's configuration: who needs a key that it lacks learns that the artifact is foreign."""
+
+    def __init__(self, values: dict[str, Any]) -> None:
+        super().__init__({key: Settings(each) if isinstance(each, dict) else each for key, each in values.items()})
+
+    def __missing__(self, key: str) -> Any:
+        raise ArtifactError(f"its manifest's config has no {key!r}: it was made by another program; make it again")
+
+
 class Manifest(BaseModel):
     """Identity, lineage and contents of one artifact."""
 
@@ -60,7 +70,7 @@ class Manifest(BaseModel):
     schema_version: int = SCHEMA_VERSION
     status: Status
     created_at: str  # ISO 8601, UTC
-    config: dict[str, Any]
+    config: Annotated[dict[str, Any], AfterValidator(lambda config: Settings(config))]
     config_sha256: str
     inputs: list[InputRef]
     code: Code
@@ -88,8 +98,8 @@ def read_manifest(directory: Path) -> Manifest:
 def parse_manifest(data: bytes, path: Path) -> Manifest:
     """The manifest whose bytes are `data`, read from `path`; errors as `read_manifest`'s."""
     try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
+        content = from_json(data, allow_inf_nan=False)
+    except ValueError as error:
         raise ArtifactError(f"{path} is truncated or no JSON: make the artifact again under another --name") from error
     _check_version(content, path)
     try:

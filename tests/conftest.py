@@ -9,4 +9,5 @@ os.environ.pop("PIPELINE_DATA", None)
 from hypothesis import settings
 
 settings.register_profile("pipeline", deadline=None, derandomize=True)
-settings.load_profile("pipeline")
+settings.register_profile("long", deadline=None, derandomize=False, print_blob=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "pipeline"))

@@ -27,11 +27,23 @@ def load_complete(root: Path, artifact_id: str, accepted: tuple[str, ...] = ("co
         raise ArtifactError(
             f"{artifact_id} {state}: resume it with `pipeline {manifest.stage} … --resume`", awaited=True
         )
-    check_present(path, manifest)
+    _check_files(path, manifest)
+    return manifest
+
+
+def load_shown(root: Path, artifact_id: str) -> Manifest:
+    """Manifest of an artifact that is to be looked at, in any state; verified unless it is still being written."""
+    manifest = load(root, artifact_id)
+    if manifest.status != "running":
+        _check_files(artifact_path(root, artifact_id), manifest)
+    return manifest
+
+
+def _check_files(directory: Path, manifest: Manifest) -> None:
+    check_present(directory, manifest)
     for file in manifest.files:
         if file.path.endswith(HASHED):
-            _check_content(path, manifest.id, file)
-    return manifest
+            _check_content(directory, manifest.id, file)
 
 
 def load(root: Path, artifact_id: str) -> Manifest:
@@ -97,7 +109,11 @@ class Lineage:
 
 
 def lineage(root: Path, artifact_id: str, pinned: str | None = None) -> Lineage:
-    """Follow the inputs recorded in the manifests."""
+    """Follow the inputs recorded in the manifests.
+
+    What was made again since is not followed: its inputs are not those of the artifact that was the input. So no
+    manifests can send it in a circle, for each would have to hold the other's hash.
+    """
     try:
         manifest = load(root, artifact_id)
     except PipelineError:
@@ -105,5 +121,6 @@ def lineage(root: Path, artifact_id: str, pinned: str | None = None) -> Lineage:
             raise
         return Lineage(artifact_id, None, True, ())
     changed = pinned is not None and pinned != manifest_sha256(artifact_path(root, artifact_id))
-    inputs = tuple(lineage(root, ref.id, ref.manifest_sha256) for ref in manifest.inputs)
+    followed = [] if changed else manifest.inputs
+    inputs = tuple(lineage(root, ref.id, ref.manifest_sha256) for ref in followed)
     return Lineage(artifact_id, manifest, changed, inputs)

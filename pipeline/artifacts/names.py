@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
-from schemas.errors import ConfigError, unknown_choice
-from schemas.manifest import Stage
+from schemas.errors import ArtifactError, ConfigError, unknown_choice
+from schemas.files import leads_out
+from schemas.manifest import MANIFEST, Stage
 
 STAGE_OF: dict[str, Stage] = {
     "datasets": "collect",
@@ -46,9 +47,17 @@ def depth(kind: str) -> int:
 
 
 def artifact_path(root: Path, artifact_id: str) -> Path:
-    """Directory of an artifact."""
+    """Directory of an artifact.
+
+    Raises:
+        ConfigError: the id can be no artifact's.
+        ArtifactError: a link there leads out of the data root, where nothing is read and nothing written.
+    """
     kind, names = split_id(artifact_id)
-    return root.joinpath(kind, *names)
+    path = root.joinpath(kind, *names)
+    if leads_out(path / MANIFEST, root):
+        raise ArtifactError(f"{path} leads out of the data root {root}: put the artifact itself there")
+    return path
 
 
 def existing_ids(root: Path, kind: str) -> list[str]:

@@ -21,7 +21,7 @@ from pipeline.artifacts.manifests import (
 )
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
-from schemas.files import fsync_directory, remove_halves, write_bytes
+from schemas.files import fsync_directory, leads_out, remove_halves, write_bytes
 from schemas.manifest import InputRef, Manifest, parse_manifest
 
 BEFORE_REPAIR = ".manifest.before-repair.json"
@@ -237,11 +237,13 @@ def publish(path: Path, target: Path) -> None:
 
 
 def check_present(path: Path, manifest: Manifest) -> None:
-    """ArtifactError when a file of a complete artifact is missing or has another size."""
+    """ArtifactError when a file of a complete artifact is missing, has another size or lies elsewhere."""
     for file in manifest.files:
+        if leads_out(path / file.path, path):
+            raise ArtifactError(f"{manifest.id} is damaged: its file {file.path!r} leads out of it; make it again")
         try:
             size = os.stat(path / file.path).st_size
-        except FileNotFoundError:
+        except OSError:
             size = None
         if size != file.bytes:
             found = "missing" if size is None else f"{size} bytes instead of {file.bytes}"

@@ -11,6 +11,7 @@ from pipeline.artifacts.inputs import load
 from pipeline.artifacts.manifests import MANIFEST, file_sha256, manifest_sha256
 from pipeline.artifacts.names import artifact_path
 from schemas.errors import PipelineError
+from schemas.files import leads_out
 from schemas.manifest import FileRef, Manifest
 from schemas.progress import Progress
 
@@ -69,7 +70,7 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
 def problem(directory: Path, file: FileRef) -> str | None:
     """What is wrong with a file of the artifact in `directory`; None when it is what was written."""
     path = directory / file.path
-    if not path.resolve().is_relative_to(directory.resolve()):
+    if leads_out(path, directory):
         return f"{file.path} leads out of the artifact"
     try:
         size = path.stat().st_size

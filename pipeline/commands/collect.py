@@ -25,7 +25,7 @@ def collect(options: StageOptions, policy: str | None) -> None:
     from pipeline.steps.session import planned
 
     work = session(options)
-    run = resolve(options.data, policy, ("runs",)) if policy else None
+    run = resolve(options.data, policy, ("runs",)) if policy is not None else None
     if options.dry_run:
         show_plan(options, "collect", [planned(work, step.request(work, options.artifact_name, run))])
         return

@@ -96,11 +96,9 @@ def _contests(compared: "Comparison", confidence: float) -> "Table":
 
 
 def _settings(compared: "Comparison") -> "Table":
-    from rich.markup import escape
-
     from pipeline.output import table
 
     made = table("setting", *compared.labels, title="[bold]Settings that differ[/]")
     for setting in compared.settings:
-        made.add_row(setting.key, *map(escape, setting.values))
+        made.add_row(setting.key, *setting.values)
     return made

@@ -15,11 +15,24 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+
+def _root(_context: click.Context, _parameter: click.Parameter, path: Path) -> Path:
+    """The data root, if it is a directory or can become one."""
+    try:
+        there = next(each for each in (path, *path.parents) if each.exists() or each.is_symlink())
+    except OSError as error:
+        raise click.BadParameter(f"{path} can be no directory ({error.strerror})") from error
+    if not there.is_dir():
+        raise click.BadParameter(f"{path} can be no directory: {there} is none")
+    return path
+
+
 DATA = click.option(
     "--data",
     type=click.Path(file_okay=False, path_type=Path),
     default="data",
     envvar="PIPELINE_DATA",
+    callback=_root,
     show_default=True,
     show_envvar=True,
     help="Data root: where artifacts are read and written.",
@@ -92,7 +105,7 @@ class StageOptions(Place):
         """`--name`, else the profile's, else `default`; ConfigError when it cannot be a name."""
         from pipeline.artifacts.names import check_name
 
-        return check_name(self.name or self.profile or "default")
+        return check_name(self.profile or "default" if self.name is None else self.name)
 
 
 def stage_options(command: Command) -> Command:

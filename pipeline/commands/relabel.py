@@ -46,8 +46,8 @@ def relabel(
 
     if switch_episode is not None and scheme != "dense2sparse":
         raise ConfigError(f"--switch-episode: the scheme {scheme} has no switch")
-    seen = resolve(options.data, estimator, ("estimators",)) if estimator else None
+    seen = resolve(options.data, estimator, ("estimators",)) if estimator is not None else None
     cells = complete(options.data, runs)
     session = Session(options.store, load_config(None, None, ()), options.progress, resume)
     wish = step.Wish(scheme, switch_episode, seen)
-    show_labels(options, step.relabel(session, name and check_name(name), cells, wish))
+    show_labels(options, step.relabel(session, None if name is None else check_name(name), cells, wish))

@@ -73,7 +73,7 @@ def replay(
     --estimator, the cube's position is estimated again from what that camera sees, and the rewards that follow from it
     are computed again: what the same trajectory would have been worth.
     """
-    from pipeline.artifacts.inputs import load, resolve
+    from pipeline.artifacts.inputs import load_shown, resolve
     from pipeline.machine import require_gl, require_sim
     from schemas.errors import ConfigError
 
@@ -81,11 +81,11 @@ def replay(
         raise ConfigError("name an episode with --episode N, or the one in which the run failed with --failure")
     moved = bool(camera) or misalignment_kind is not None or misalignment_deg is not None
     run_id = resolve(options.data, run, ("runs",))
-    used = load(options.data, run_id).config.get("estimator")
+    used = load_shown(options.data, run_id).config.get("estimator")
     looks_again = estimator is not None or (moved and used is not None)
     if not save and not looks_again and (moved or image_size is not None):
         raise ConfigError("nothing is rendered without --save FILE: add it, or leave the camera's options out")
-    path, by = options.store.path(run_id), estimator or used
+    path, by = options.store.path(run_id), used if estimator is None else estimator
     require_sim()
     from stages.replay.export import check_target, export_episode
     from stages.replay.frames import View

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
+
 from pipeline.commands.options import Place, StageOptions
 from pipeline.output import console, note, print_json, table
 from pipeline.steps.session import Outcome, Session
@@ -60,7 +62,7 @@ def show_outcome(options: StageOptions, command: str, outcome: Outcome, **more: 
     elif not options.quiet:
         out = console()
         took = f" in {duration(outcome.seconds)}" if outcome.seconds else ""
-        out.print(f"[bold]{outcome.id}[/]: {_WORDS[outcome.did]}{took} → {outcome.path}")
+        out.print(f"[bold]{outcome.id}[/]: {_WORDS[outcome.did]}{took} → {escape(str(outcome.path))}")
         for key, value in scalars(outcome.summary).items():
             out.print(f"  {key}: {figure(value)}", markup=False)
 

@@ -53,9 +53,11 @@ def _tree(node: "Lineage") -> "Tree":
     from rich.markup import escape
     from rich.tree import Tree
 
+    from pipeline.text import printable
+
     tree = Tree(_title(node))
     for label, text in _facts(node):
-        tree.add(f"[dim]{label}[/] {escape(text)}")
+        tree.add(f"[dim]{escape(printable(label))}[/] {escape(printable(text))}")
     _add_inputs(tree, node, set())
     return tree
 
@@ -74,12 +76,18 @@ def _add_inputs(tree: "Tree", node: "Lineage", shown: set[str]) -> None:
 
 
 def _title(node: "Lineage") -> str:
-    from pipeline.commands.list import headline
+    from rich.markup import escape
 
+    from pipeline.commands.list import headline
+    from pipeline.text import printable
+
+    name = escape(printable(node.id))
     if node.manifest is None:
-        return f"[bold]{node.id}[/] [red]gone since[/]"
+        return f"[bold]{name}[/] [red]gone since[/]"
     changed = " [red]changed since it was the input[/]" if node.changed else ""
-    return f"[bold]{node.id}[/] {node.manifest.status}{changed}  [dim]{headline(node.manifest.summary)}[/]"
+    return (
+        f"[bold]{name}[/] {node.manifest.status}{changed}  [dim]{escape(printable(headline(node.manifest.summary)))}[/]"
+    )
 
 
 def _facts(node: "Lineage") -> list[tuple[str, str]]:

@@ -119,13 +119,11 @@ def _show_schema(options: Place, view: str | None) -> None:
 
 
 def _view_table(name: str, columns: "list[Column]") -> "Table":
-    from rich.markup import escape
-
     from pipeline.output import table
 
     made = table("column", "type", "meaning", title=f"[bold]{name}[/]")
     for column in columns:
-        made.add_row(column.name, escape(column.type), escape(column.meaning))
+        made.add_row(column.name, column.type, column.meaning)
     return made
 
 

@@ -33,7 +33,7 @@ def train_perception(options: StageOptions, dataset: str | None, weights: Path |
     from pipeline.steps.session import planned
 
     work = session(options)
-    source = check_name((dataset or options.artifact_name).removeprefix("datasets/"))
+    source = check_name((options.artifact_name if dataset is None else dataset).removeprefix("datasets/"))
     if options.dry_run:
         show_plan(
             options, "train-perception", [planned(work, step.request(work, options.artifact_name, source, weights))]

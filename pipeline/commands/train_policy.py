@@ -44,13 +44,13 @@ def train_policy(options: StageOptions, estimator: str | None, offline: tuple[st
 
     work, name = session(options), options.artifact_name
     if offline:
-        if estimator:
+        if estimator is not None:
             raise ConfigError("--offline: the estimator is the one of the runs; leave --estimator out")
         matrices, source = from_logs.matrices(work, name, offline)
     else:
         matrices = [step.Matrix(work, name)]
-        wanted = estimator or (name if step.estimator_needed(work) else None)
-        source = check_name(wanted.removeprefix("estimators/")) if wanted else None
+        wanted = (name if step.estimator_needed(work) else None) if estimator is None else estimator
+        source = None if wanted is None else check_name(wanted.removeprefix("estimators/"))
         if source:
             require_robot(work, source)
     if options.dry_run:

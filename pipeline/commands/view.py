@@ -52,7 +52,7 @@ def _recorder(
     options: Place, artifact: tuple[str, ...], episode: int, split: str
 ) -> tuple[str, Callable[[Path], dict[str, Any]]]:
     """What is shown, and what writes its recording."""
-    from pipeline.artifacts.inputs import load, resolve
+    from pipeline.artifacts.inputs import load_shown, resolve
     from pipeline.recordings import record_artifact, record_comparison, record_file
 
     if len(artifact) > 1 or _is_matrix(artifact[0]):
@@ -60,7 +60,7 @@ def _recorder(
     if artifact[0].endswith(".mcap"):
         return artifact[0], lambda file: record_file(options.store, Path(artifact[0]), file)
     artifact_id = resolve(options.data, artifact[0], ("runs", "datasets", "estimators", "reports"))
-    load(options.data, artifact_id)
+    load_shown(options.data, artifact_id)
     return artifact_id, lambda file: record_artifact(options.store, artifact_id, split, episode, file)
 
 

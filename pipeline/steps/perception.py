@@ -26,9 +26,11 @@ def request(session: Session, name: str, dataset: str, weights: Path | None = No
 
 
 def _weights_sha256(weights: Path) -> str:
-    if not weights.is_file():
-        raise ArtifactError(f"no weights file {weights}: --weights takes a safetensors file with torchvision's keys")
-    return file_sha256(weights)
+    try:
+        return file_sha256(weights)
+    except OSError as error:
+        takes = "--weights takes a safetensors file with torchvision's keys"
+        raise ArtifactError(f"no weights file {weights} ({error.strerror}): {takes}") from error
 
 
 def require_robot(session: Session, estimator: str) -> None:

@@ -11,7 +11,7 @@ from pipeline.artifacts.names import split_id
 from pipeline.artifacts.store import BEFORE_REPAIR, Store
 from pipeline.artifacts.verify import problem
 from schemas.errors import ConfigError
-from schemas.files import write_bytes
+from schemas.files import leads_out, write_bytes
 from schemas.manifest import Manifest
 
 _ADDITIONS = ("recordings/", "failure/")
@@ -103,7 +103,7 @@ def _drop(store: Store, manifest: Manifest, damaged: Iterable[str]) -> None:
     directory = store.path(manifest.id)
     for name in damaged:
         path = directory / name
-        if path.parent.resolve().is_relative_to(directory.resolve()):
+        if not leads_out(path.parent, directory):
             path.unlink(missing_ok=True)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from schemas.errors import ArtifactError, listed
+from schemas.files import leads_out
 from schemas.manifest import MANIFEST, Manifest, parse_manifest
 
 Kind = Literal["datasets", "estimators", "runs", "relabels"]
@@ -37,8 +38,12 @@ class Artifact:
         return hashlib.sha256(self.manifest_bytes).hexdigest()
 
     def parquet(self, pattern: str) -> list[Path]:
-        """Its finished Parquet files that match, in order; those being written have hidden names."""
-        return sorted(path for path in self.path.glob(pattern) if not path.name.startswith("."))
+        """Its finished Parquet files that match, in order: those it lists, or while it runs all but hidden ones."""
+        found = sorted(path for path in self.path.glob(pattern) if not path.name.startswith("."))
+        if self.manifest.status == "running":
+            return [path for path in found if not leads_out(path, self.path)]
+        listed = {file.path for file in self.manifest.files}
+        return [path for path in found if path.relative_to(self.path).as_posix() in listed]
 
 
 def artifacts(data_root: Path, kind: Kind) -> list[Artifact]:
@@ -68,7 +73,7 @@ def _directories(parent: Path, depth: int) -> Iterator[Path]:
 def _read(root: Path, kind: Kind, path: Path) -> Artifact | None:
     """The artifact at `path`; None where there is none, it is another's copy, or a link leads out of the data root."""
     name, manifest_path = path.relative_to(root / kind).as_posix(), path / MANIFEST
-    if not path.resolve().is_relative_to(root):
+    if leads_out(manifest_path, root):
         return None
     try:
         data = manifest_path.read_bytes()
@@ -102,10 +107,13 @@ def _is_named(artifact: Artifact, name: str) -> bool:
 
 
 def check_files(artifact: Artifact) -> None:
-    """Compare the sizes of a complete artifact's Parquet files with its manifest.
+    """Compare a complete artifact's Parquet files with its manifest: by content, but transitions by size.
+
+    Transitions are all but a hundredth of the logs, and many questions read none: `pipeline verify` and the stages that
+    read them compare their content.
 
     Raises:
-        ArtifactError: a file is missing or has another size.
+        ArtifactError: a file is missing, elsewhere, or not what was written.
     """
     if artifact.manifest.status != "complete":
         return
@@ -113,6 +121,8 @@ def check_files(artifact: Artifact) -> None:
         path = artifact.path / file.path
         if not file.path.endswith(".parquet"):
             continue
+        if leads_out(path, artifact.path):
+            raise ArtifactError(f"{artifact.id}: {file.path!r} leads out of the artifact; make it again")
         if not path.is_file():
             raise ArtifactError(f"{artifact.id}: {file.path} is missing; restore it or make the artifact again")
         if path.stat().st_size != file.bytes:
@@ -120,3 +130,20 @@ def check_files(artifact: Artifact) -> None:
                 f"{artifact.id}: {file.path} has {path.stat().st_size} bytes, its manifest says {file.bytes}; "
                 "restore it or make the artifact again"
             )
+        if not file.path.startswith("transitions/") and _sha256(path) != file.sha256:
+            raise ArtifactError(
+                f"{artifact.id} is damaged: {file.path} is not what was written; restore it or make the artifact again"
+            )
+
+
+def first_damaged(artifact: Artifact) -> str | None:
+    """Of a complete artifact's Parquet files, transitions too, the first whose content is not what was written."""
+    if artifact.manifest.status != "complete":
+        return None
+    parquet = (file for file in artifact.manifest.files if file.path.endswith(".parquet"))
+    return next((file.path for file in parquet if _sha256(artifact.path / file.path) != file.sha256), None)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

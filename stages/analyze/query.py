@@ -11,10 +11,13 @@ import pyarrow as pa
 
 from schemas.errors import ArtifactError, ConfigError, MachineError, unknown_choice
 from stages.analyze import guard
+from stages.analyze.catalogue import artifacts, first_damaged
 from stages.analyze.views import connect
 from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
 
 BATCH_ROWS = 10_000
+_USERS = tuple(f"SQL: {kind} Error" for kind in ("Parser", "Binder", "Catalog", "Permission", "Conversion"))
+"""Errors that are of the query, whatever the logs hold."""
 FORMATS = (*TEXT_WRITERS, "parquet")
 
 
@@ -74,10 +77,22 @@ def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream:
             while not wait([rows], timeout=0.2).done:  # a signal may reach another thread and not wake this one
                 pass
             return rows.result()
+        except ConfigError as error:
+            if not str(error).startswith(_USERS):
+                _blame_damage(data_root, error)
+            raise
         except KeyboardInterrupt:
             while not wait([rows], timeout=0.2).done:
                 connection.interrupt()
             raise
+
+
+def _blame_damage(data_root: Path, error: ConfigError) -> None:
+    """ArtifactError where a log is not what was written: DuckDB has many words for what it then stumbles over."""
+    for kind in ("runs", "relabels"):
+        for artifact in artifacts(data_root, kind):
+            if damaged := first_damaged(artifact):
+                raise ArtifactError(f"a log is damaged: {artifact.path / damaged} ({error}); make it again") from error
 
 
 def _to_file(reader: pa.RecordBatchReader, format: str, path: Path) -> int:

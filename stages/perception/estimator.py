@@ -2,11 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
@@ -18,7 +18,7 @@ from schemas.tables import SCHEMA_VERSION
 from stages.device import arithmetic, torch_device
 from stages.perception.frozen import FrozenResNet34
 from stages.perception.normalisation import Normalisation, Triple
-from stages.perception.quantised import Ranges
+from stages.perception.quantised import RANGES, Ranges
 from stages.perception.resnet34 import ResNet34
 
 WEIGHTS_FILE = "estimator.safetensors"
@@ -32,7 +32,7 @@ class EstimatorCard(Config):
     estimator: str
     dataset: str
     architecture: Literal["resnet34"] = "resnet34"
-    image_size: int  # pixels, square
+    image_size: Annotated[int, Field(ge=1, le=1024)]  # pixels, square
     precision: Precision
     normalisation: Normalisation
     camera: dict[str, Any]
@@ -42,7 +42,7 @@ class EstimatorCard(Config):
     """Corners [m] of the training positions, world frame; beyond them the estimator extrapolates."""
     best_epoch: int
     """Epoch of the kept weights: the one of lowest validation error."""
-    ranges: Ranges | None = None
+    ranges: Annotated[Ranges, Field(min_length=RANGES, max_length=RANGES)] | None = None
     """Ranges of the activations, by which CPUs that can run the network in 8-bit integers; None: none should."""
 
 
@@ -99,7 +99,7 @@ def _read_card(file: Path) -> EstimatorCard:
         return EstimatorCard.model_validate(fields)
     except OSError as error:
         raise ArtifactError(f"{file}: cannot be read ({error.strerror}); is the directory an estimator?") from error
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, ValidationError) as error:
         raise ArtifactError(f"{file}: damaged or not an estimator's; train it again ({error})") from error
 
 
@@ -114,4 +114,7 @@ def _read_network(file: Path) -> ResNet34:
         ) from error
     except (SafetensorError, RuntimeError) as error:
         raise ArtifactError(f"{file}: damaged or not a ResNet34's weights; train the estimator again") from error
+    for name, values in network.state_dict().items():
+        if not values.isfinite().all():
+            raise ArtifactError(f"{file}: {name} is not finite, nothing could be estimated; train the estimator again")
     return network

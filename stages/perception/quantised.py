@@ -16,6 +16,8 @@ from stages.perception.resnet34 import BasicBlock, ResNet34, residual_blocks
 
 Ranges = tuple[tuple[float, float], ...]
 """Lowest and highest value of each activation that becomes an integer, in the order of `measure_ranges`."""
+RANGES = 36
+"""Of a ResNet34: its blocks' input, two for each of the 16 blocks, one for each of the 3 shortcuts."""
 
 
 def is_supported() -> bool:

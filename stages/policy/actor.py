@@ -1,15 +1,25 @@
 """A trained policy from its run's artifact, for collecting data with it."""
 
-import json
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError
 from stages.policy.observation import observe
+from stages.sim.config import TaskName
+
+
+class _Description(BaseModel):
+    """What policy.json says of the network beside it; the rest of it is the run's summary."""
+
+    hidden: tuple[int, ...]
+    proprioception: Literal["forward_kinematics", "joints"]
+    task: TaskName
 
 
 class PolicyActor:
@@ -43,10 +53,10 @@ def load_actor(run: Path) -> PolicyActor:
     """
     directory = run / "checkpoints"
     try:
-        description = json.loads((directory / "policy.json").read_bytes())
+        description = _Description.model_validate_json((directory / "policy.json").read_bytes())
         tensors = load_file(directory / "policy.safetensors")
-        count = len(description["hidden"]) + 1
+        count = len(description.hidden) + 1
         layers = [(tensors[f"actor.{i}.weight"], tensors[f"actor.{i}.bias"]) for i in range(count)]
-        return PolicyActor(layers, description["proprioception"], description["task"])
+        return PolicyActor(layers, description.proprioception, description.task)
     except (OSError, ValueError, KeyError, SafetensorError) as error:
         raise ArtifactError(f"{run} holds no policy ({error}); finish it with train-policy --resume") from error

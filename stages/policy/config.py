@@ -25,23 +25,26 @@ class TD3Config(Config):
     learning_rate_end: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Share of the learning rate that is left at the end; it falls linearly over the second half of the training
     episodes, so that the last policy is not one, lucky or not, of many that differ. 1: constant, as in TD3."""
-    hidden: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (256, 256)
-    batch_size: Annotated[int, Field(ge=1)] = 256
+    hidden: Annotated[tuple[Annotated[int, Field(ge=1, le=65_536)], ...], Field(min_length=1, max_length=64)] = (
+        256,
+        256,
+    )
+    batch_size: Annotated[int, Field(ge=1, le=1_000_000)] = 256
     policy_delay: Annotated[int, Field(ge=1)] = 2
     """Critic updates per actor and target update."""
-    target_noise: Annotated[float, Field(ge=0)] = 0.2
+    target_noise: Annotated[float, Field(ge=0, le=100)] = 0.2
     """Standard deviation of the noise on target actions."""
     target_noise_clip: Annotated[float, Field(ge=0)] = 0.5
-    exploration_noise: Annotated[float, Field(ge=0)] = 0.2
+    exploration_noise: Annotated[float, Field(ge=0, le=100)] = 0.2
     """Standard deviation of the Gaussian noise on training actions, of the normalised range."""
-    preactivation_penalty: Annotated[float, Field(ge=0)] = 0.1
+    preactivation_penalty: Annotated[float, Field(ge=0, le=1e6)] = 0.1
     """Weight in the actor's loss of its squared output before tanh, which it keeps from saturating (Andrychowicz et al.
     2017, hindsight experience replay, appendix A); 0: plain TD3."""
-    behaviour_cloning: Annotated[float, Field(gt=0)] | None = None
+    behaviour_cloning: Annotated[float, Field(gt=0, le=1e6)] | None = None
     """TD3+BC (Fujimoto & Gu 2021), for learning from logs alone: weight α of the value, scaled to a mean of 1, against
     staying close to the logged actions; theirs is 2.5. Observations are standardised, as theirs; the penalty above and
     the falling learning rate stay as they are set. None: plain TD3."""
-    buffer_size: Annotated[int, Field(ge=1)] = 1_000_000
+    buffer_size: Annotated[int, Field(ge=1, le=1_000_000_000)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
     precision: Precision = "bfloat16"
     """Arithmetic of the hidden layers in updates; float32 where a CPU has no bfloat16."""
@@ -50,9 +53,9 @@ class TD3Config(Config):
 class RunConfig(Config):
     """One run but for its identity: what every cell of a matrix shares."""
 
-    episodes: Annotated[int, Field(ge=1)] = 300
+    episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 300
     """Training episodes."""
-    warmup_episodes: Annotated[int, Field(ge=0)] = 5
+    warmup_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 5
     """Episodes of uniformly random actions, without updates, before learning starts."""
     switch_episode: Annotated[int, Field(ge=0)] = 100
     """dense2sparse: first training episode under the sparse reward."""
@@ -60,13 +63,13 @@ class RunConfig(Config):
     """dense2sparse: what becomes at the switch of the dense rewards in the replay buffer."""
     reset: Literal["none", "critics", "all"] = "none"
     """dense2sparse: which networks are drawn afresh at the switch."""
-    updates_per_step: Annotated[int, Field(ge=0)] = 1
+    updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
     proprioception: Literal["forward_kinematics", "joints"] = "forward_kinematics"
     """forward_kinematics adds gripper position and estimated cube-gripper vector; joints: the paper's list."""
     eval_every: Annotated[int, Field(ge=1)] = 20
     """Training episodes between evaluations."""
-    eval_episodes: Annotated[int, Field(ge=1)] = 5
-    final_episodes: Annotated[int, Field(ge=0)] = 200
+    eval_episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 5
+    final_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 200
     """Fresh episodes of the final evaluation."""
     checkpoint_every: Annotated[int, Field(ge=1)] = 10
     """Training episodes between checkpoints (`--resume` continues from the last) and log parts."""
@@ -92,8 +95,8 @@ class MatrixConfig(RunConfig):
     workers: Annotated[int, Field(ge=0, le=256)] | None = None
     """Processes that simulate and render for each of them; 0: none. Default: the cores that are left."""
     threads: Annotated[int, Field(ge=1, le=256)] | None = None
-    """CPU threads of each one's networks. Default: its share of the cores. The logs depend on none of the three, but for
-    the last digit where layers have fewer than 16 units."""
+    """CPU threads of each one's networks. Default: its share of the cores. The logs depend on none of the three
+    (layers of fewer than 16 units: but for the last digit)."""
     reach: dict[str, Any] = Field(default={})
     """Keys of this section that differ for reach."""
     lift: dict[str, Any] = Field(default={})

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from mcap.exceptions import McapError
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from rerun.chunk import McapReader
 
 from rerun_blueprints.episode import episode_blueprint
@@ -21,6 +23,7 @@ def record_mcap(path: Path, save: Path) -> int:
         ArtifactError: it is no MCAP file, or damaged.
         MachineError: there is no space.
     """
+    _check(path)
     blueprint = episode_blueprint(estimated=False, rewarded=False, plots=False, timeline=_TIMELINE)
     topics: set[str] = set()
     with recording_file(path.name, save, blueprint) as recording:
@@ -31,3 +34,17 @@ def record_mcap(path: Path, save: Path) -> int:
         except (McapError, ValueError, RuntimeError) as error:
             raise ArtifactError(f"{path} cannot be read as MCAP ({error})") from error
     return len(topics)
+
+
+def _check(path: Path) -> None:
+    """Rerun's reader takes the lengths that a damaged file gives at their word, and ends the process over them."""
+    try:
+        with path.open("rb") as file:
+            for record in StreamReader(file, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Chunk):
+                    _, length = get_chunk_data_stream(record, validate_crc=True)
+                    if length != record.uncompressed_size:
+                        raise ValueError(f"a chunk of {length} bytes says it has {record.uncompressed_size}")
+    except Exception as error:  # damaged bytes surface as errors of mcap, struct, zstandard or lz4
+        reason = str(error) or type(error).__name__
+        raise ArtifactError(f"{path} cannot be read as MCAP ({reason}): see `pipeline repair`") from error

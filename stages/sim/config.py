@@ -6,7 +6,8 @@ from pydantic import Field, model_validator
 
 from schemas.config import Config
 
-Vector3 = tuple[float, float, float]
+Metres = Annotated[float, Field(ge=-100, le=100)]
+Vector3 = tuple[Metres, Metres, Metres]
 Robot = Literal["Panda", "Sawyer", "IIWA", "Kinova3"]
 TaskName = Literal["reach", "lift"]
 MisalignmentKind = Literal["pan", "orbit"]
