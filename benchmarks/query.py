@@ -68,5 +68,7 @@ def _median(answers: list[dict[str, Any]]) -> float:
 
 def _ask(root: Path, sql: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "benchmarks.analyst", str(root)]
-    done = subprocess.run(command, input=sql, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, input=sql, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"a question failed: {done.stderr.strip()[-1000:]}")
     return json.loads(done.stdout)

@@ -33,7 +33,7 @@ COMMANDS = {
     "list": LazyCommand("pipeline.commands.list:list_artifacts", "List the artifacts that are there."),
     "show": LazyCommand("pipeline.commands.show:show", "Show one artifact with its lineage back to the first input."),
     "verify": LazyCommand("pipeline.commands.verify:verify", "Check that artifacts are what was written."),
-    "repair": LazyCommand("pipeline.commands.repair:repair", "Keep what is whole of a damaged MCAP file."),
+    "repair": LazyCommand("pipeline.commands.repair:repair", "Keep what is whole of a damaged artifact or MCAP file."),
     "doctor": LazyCommand("pipeline.commands.doctor:doctor", "Check GL, GPU, disk and versions; say what to install."),
 }
 

@@ -51,6 +51,16 @@ class Environment(BaseModel):
     packages: dict[str, str]
 
 
+class MissingSettingError(ArtifactError, KeyError):
+    """A manifest's configuration lacks a key."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(f"a manifest's config has no {key!r}: it was made by another program; make the artifact again")
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # a KeyError would put it in quotes
+
+
 class Settings(dict[str, Any]):
     """A manifest's configuration: who needs a key that it lacks learns that the artifact is foreign."""
 
@@ -58,7 +68,7 @@ class Settings(dict[str, Any]):
         super().__init__({key: Settings(each) if isinstance(each, dict) else each for key, each in values.items()})
 
     def __missing__(self, key: str) -> Any:
-        raise ArtifactError(f"its manifest's config has no {key!r}: it was made by another program; make it again")
+        raise MissingSettingError(key)
 
 
 class Manifest(BaseModel):

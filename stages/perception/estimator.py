@@ -18,7 +18,7 @@ from schemas.tables import SCHEMA_VERSION
 from stages.device import arithmetic, torch_device
 from stages.perception.frozen import FrozenResNet34
 from stages.perception.normalisation import Normalisation, Triple
-from stages.perception.quantised import RANGES, Ranges
+from stages.perception.quantised import Ranges, activations
 from stages.perception.resnet34 import ResNet34
 
 WEIGHTS_FILE = "estimator.safetensors"
@@ -42,7 +42,7 @@ class EstimatorCard(Config):
     """Corners [m] of the training positions, world frame; beyond them the estimator extrapolates."""
     best_epoch: int
     """Epoch of the kept weights: the one of lowest validation error."""
-    ranges: Annotated[Ranges, Field(min_length=RANGES, max_length=RANGES)] | None = None
+    ranges: Ranges | None = None
     """Ranges of the activations, by which CPUs that can run the network in 8-bit integers; None: none should."""
 
 
@@ -71,7 +71,13 @@ class Estimator:
         card = _read_card(directory / CARD_FILE)
         if precision is not None:
             card = card.model_copy(update={"precision": precision, "ranges": None})
-        return cls(card, _read_network(directory / WEIGHTS_FILE), torch_device(device))
+        network = _read_network(directory / WEIGHTS_FILE)
+        if card.ranges is not None and len(card.ranges) != activations(network):
+            raise ArtifactError(
+                f"{directory / CARD_FILE}: ranges of {len(card.ranges)} activations, the network has "
+                f"{activations(network)}; train the estimator again"
+            )
+        return cls(card, network, torch_device(device))
 
     def predict(self, images: np.ndarray) -> np.ndarray:
         """Images (n, h, w, 3) uint8 RGB → positions of the cube (n, 3) float32 [m], world frame.

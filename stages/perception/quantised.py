@@ -16,8 +16,6 @@ from stages.perception.resnet34 import BasicBlock, ResNet34, residual_blocks
 
 Ranges = tuple[tuple[float, float], ...]
 """Lowest and highest value of each activation that becomes an integer, in the order of `measure_ranges`."""
-RANGES = 36
-"""Of a ResNet34: its blocks' input, two for each of the 16 blocks, one for each of the 3 shortcuts."""
 
 
 def is_supported() -> bool:
@@ -25,6 +23,11 @@ def is_supported() -> bool:
     operators = all(hasattr(torch.ops.onednn, name) for name in ("qconv_prepack", "qconv2d_pointwise"))
     vnni = getattr(torch.cpu, "_is_vnni_supported", lambda: False)
     return operators and torch.backends.mkldnn.is_available() and bool(vnni())
+
+
+def activations(network: ResNet34) -> int:
+    """How many ranges `measure_ranges` finds."""
+    return 1 + sum(2 + (block.downsample is not None) for block in residual_blocks(network))
 
 
 @torch.inference_mode()
