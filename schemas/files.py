@@ -65,7 +65,17 @@ def read_parquet(path: Path, columns: list[str] | None = None, missing: str | No
     if not path.is_file():
         meaning = f"{missing}: there is no {path}" if missing else f"there is no {path}: restore it or make it again"
         raise ArtifactError(meaning)
-    return reading(path, lambda: pq.read_table(path, columns=columns, partitioning=None, **CHECKED))
+    return reading(path, lambda: _whole_table(path, columns=columns))
+
+
+def read_rows(path: Path, wanted: "pa.dataset.Expression") -> pa.Table:
+    """The rows of a table that are wanted, its checksums verified; ArtifactError where it is not what was written."""
+    return reading(path, lambda: _whole_table(path, filters=wanted))
+
+
+def _whole_table(path: Path, **which: Any) -> pa.Table:
+    with pa.OSFile(str(path)) as file:  # opened once: while a run is trained another file takes its place
+        return pq.read_table(file, **which, **CHECKED)
 
 
 def reading(path: Path, read: Callable[[], T]) -> T:

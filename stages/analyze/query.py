@@ -12,6 +12,7 @@ import pyarrow as pa
 from schemas.errors import ArtifactError, ConfigError, MachineError, unknown_choice
 from stages.analyze import guard
 from stages.analyze.catalogue import artifacts, first_damaged
+from stages.analyze.pinned import by_name
 from stages.analyze.views import connect
 from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
 
@@ -131,6 +132,6 @@ def _line(said: str, number: int, rest: str) -> str:
 
 
 def _sql_error(message: str) -> ConfigError | ArtifactError:
-    message = message.removeprefix("Invalid Input Error: Python exception occurred while executing the UDF: ")
+    message = by_name(message.removeprefix("Invalid Input Error: Python exception occurred while executing the UDF: "))
     damaged = "No magic bytes" in message or "too small to be a Parquet file" in message
     return ArtifactError(f"a log is damaged: {message}") if damaged else ConfigError(f"SQL: {message}")

@@ -3,6 +3,7 @@
 import json
 import os
 import tempfile
+import weakref
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from schemas import tables
 from schemas.errors import ArtifactError
 from stages.analyze import macros
 from stages.analyze.catalogue import Artifact, artifacts, check_files
+from stages.analyze.pinned import Pinned, by_name
 from stages.analyze.sql_text import literal
 
 _IDENTITY = [("task", pa.string()), ("scheme", pa.string()), ("misalignment_kind", pa.string())]
@@ -127,12 +129,19 @@ def connect(
     for view, schema in _MANIFEST_VIEWS.items():
         rows = [_row(artifact, schema) for artifact in found if artifact.kind == view]
         _create_table(connection, view, pa.Table.from_pylist(rows, schema=schema))
+    pinned = Pinned()
+    weakref.finalize(connection, pinned.close)
     for view, (kind, pattern, schema) in _FILE_VIEWS.items():
-        files = [p for a in found if a.kind == kind and a.manifest.status in _LOGGED for p in a.parquet(pattern)]
-        _create_view(connection, view, files, schema)
+        logged = [artifact for artifact in found if artifact.kind == kind and artifact.manifest.status in _LOGGED]
+        _create_view(connection, view, [file for each in logged for file in _files(each, pattern, pinned)], schema)
     macros.define(connection)
-    _confine(connection, data_root)
+    _confine(connection, [data_root.resolve(), *pinned.directories()])
     return connection
+
+
+def _files(artifact: Artifact, pattern: str, pinned: Pinned) -> list[Path]:
+    files = artifact.parquet(pattern)
+    return pinned.names(files) if artifact.manifest.status == "running" else files
 
 
 def _settings() -> dict[str, str | bool | int | float | list[str]]:
@@ -146,9 +155,10 @@ def _settings() -> dict[str, str | bool | int | float | list[str]]:
     }
 
 
-def _confine(connection: duckdb.DuckDBPyConnection, data_root: Path) -> None:
-    """From here on only files below the data root (links resolved) are readable, and no setting can be changed."""
-    connection.execute(f"SET allowed_directories = [{literal(str(data_root.resolve()))}]")
+def _confine(connection: duckdb.DuckDBPyConnection, directories: Sequence[Path]) -> None:
+    """From here on only files below these (links resolved) are readable, and no setting can be changed."""
+    allowed = ", ".join(literal(str(directory)) for directory in directories)
+    connection.execute(f"SET allowed_directories = [{allowed}]")
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
 
@@ -172,7 +182,7 @@ def _create_view(connection: duckdb.DuckDBPyConnection, name: str, files: list[P
     try:
         connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM read_parquet([{paths}])")
     except duckdb.Error as error:
-        raise ArtifactError(f"cannot read the files of the view {name!r}: {error}") from None
+        raise ArtifactError(f"cannot read the files of the view {name!r}: {by_name(str(error))}") from None
 
 
 def _plain(schema: pa.Schema) -> pa.Schema:

@@ -1,7 +1,6 @@
 """One recorded episode of a run, read from its Parquet logs and checked."""
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,10 @@ import pyarrow.parquet as pq
 
 from schemas.arrays import to_numpy
 from schemas.errors import ArtifactError
-from schemas.files import CHECKED, failure_path, read_parquet, reading, transition_parts
+from schemas.files import failure_path, read_parquet, read_rows, reading, transition_parts
 from schemas.manifest import Manifest, read_manifest
 from schemas.tables import EPISODES, transitions
 from stages.replay.parquet import check_schema
-
-_FORMAT = ds.ParquetFileFormat(default_fragment_scan_options=ds.ParquetFragmentScanOptions(**CHECKED))
 
 
 @dataclass(frozen=True)
@@ -131,7 +128,7 @@ def _transitions(run_dir: Path, split: str, episode: int) -> dict[str, np.ndarra
     wanted = (ds.field("split").cast(pa.string()) == split) & (ds.field("episode") == episode)
     for part in parts:
         check_part(part)
-        table = reading(part, partial(ds.dataset(part, format=_FORMAT).to_table, filter=wanted))
+        table = read_rows(part, wanted)
         if table.num_rows:
             return columns(table.sort_by("step"))
     raise ArtifactError(f"{run_dir}: episodes.parquet names {split} episode {episode}, but no transitions part has it")
