@@ -19,6 +19,7 @@ from benchmarks.outcome import Outcome, Target
 from schemas.files import transition_parts
 
 _EVERY = 1.0  # [s] between two looks
+_SHARED = Path("/dev/shm")
 _PATIENCE = 10.0  # [s] for the workers of an ended process to end
 _TINY = {
     **{"collect.episodes": 12, "collect.steps": 50, "perception.epochs": 1, "perception.batch_size": 16},
@@ -42,6 +43,7 @@ class _Watched:
     memory: list[float] = field(default_factory=list)  # [MB], of all its processes
     handles: list[int] = field(default_factory=list)
     seen: set[psutil.Process] = field(default_factory=set)
+    shared: set[int] = field(default_factory=set)  # inodes of memory its processes had in common
     seconds: float = 0.0
     left: list[str] = field(default_factory=list)  # processes, shared memory, temporary files
 
@@ -93,14 +95,14 @@ def _finished(process: subprocess.Popen[bytes], what: str) -> None:
 
 def _watch(process: subprocess.Popen[bytes], root: Path, until: float = float("inf")) -> _Watched:
     """Look at a command until it ends, or for so many seconds."""
-    found, started, shared = _Watched(), time.monotonic(), _shared_memory()
+    found, started = _Watched(), time.monotonic()
     while process.poll() is None and time.monotonic() - started < until:
         _look(found, psutil.Process(process.pid))
         time.sleep(_EVERY)
     found.seconds = time.monotonic() - started
     if until == float("inf"):
         _finished(process, "a soak")
-        found.left = _left(found.seen, shared, root)
+        found.left = _left(found, root)
     return found
 
 
@@ -108,11 +110,12 @@ def _look(found: _Watched, process: psutil.Process) -> None:
     try:
         family = [process, *process.children(recursive=True)]
         found.seen.update(family)
+        found.shared.update(inode for each in family for inode in _shared_memory(each.pid))
         memory, handles = (
             [each.memory_full_info().pss for each in family],
             [each.num_fds() for each in family],
         )
-    except psutil.Error:  # one has ended between two questions
+    except (psutil.Error, OSError):  # one has ended between two questions
         return
     found.memory.append(sum(memory) / 1e6)
     found.handles.append(sum(handles))
@@ -122,31 +125,31 @@ def _ended(root: Path, how: str, signals: tuple[signal.Signals, ...], quick: boo
     """What is left of a training in several processes that is ended in the middle."""
     short = {"policy.episodes": 4 if quick or not signals else 400, "policy.final_episodes": 1, "world.horizon": 50}
     settings = {**_SEEING, **short, "policy.processes": 2, "policy.workers": 1}
-    shared, name = _shared_memory(), how.replace(" ", "-")
-    process = _start(root, "train-policy", settings, name, "--estimator", "eye")
+    process = _start(root, "train-policy", settings, how.replace(" ", "-"), "--estimator", "eye")
     found = _watch(process, root, until=20)
     for number in signals:
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
         time.sleep(1)
     process.communicate()
-    return _left(found.seen, shared, root)
+    return _left(found, root)
 
 
-def _left(seen: set[psutil.Process], shared: set[str], root: Path) -> list[str]:
-    _, alive = psutil.wait_procs(list(seen), timeout=_PATIENCE)
+def _left(found: _Watched, root: Path) -> list[str]:
+    _, alive = psutil.wait_procs(list(found.seen), timeout=_PATIENCE)
     temporary = sorted(path.name for path in (root / "tmp").iterdir())
     for name in temporary:
         (root / "tmp" / name).rename(root / f"left-{len(list(root.iterdir()))}-{name}")
     return [
         *(f"process {each.pid}" for each in alive),
-        *(f"shared memory {name}" for name in sorted(_shared_memory() - shared)),
+        *(f"shared memory {path.name}" for path in sorted(_SHARED.iterdir()) if path.stat().st_ino in found.shared),
         *(f"temporary {name}" for name in temporary),
     ]
 
 
-def _shared_memory() -> set[str]:
-    there = Path("/dev/shm")
-    return {path.name for path in there.iterdir()} if there.is_dir() else set()
+def _shared_memory(pid: int) -> set[int]:
+    """Inodes of named memory that a process sees, semaphores too: those were made under other names."""
+    lines = [line.split() for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
+    return {int(line[4]) for line in lines if len(line) > 5 and line[5].startswith(f"{_SHARED}/")}
 
 
 def _transitions(group: Path) -> int:

@@ -25,17 +25,31 @@ def test_growth_is_from_warm_to_the_end() -> None:
     assert found.growth([*warm[:90], *[206.0] * 10]) == pytest.approx(0.03)
 
 
+HOLD = """
+import multiprocessing, time
+lock = multiprocessing.get_context("spawn").Lock()
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
 def test_what_is_left_is_named(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process, its semaphore and a temporary file; once they are gone, or told of, nothing."""
     monkeypatch.setattr(soak, "_PATIENCE", 0.1)
-    shared = soak._shared_memory()
-    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    process = subprocess.Popen([sys.executable, "-c", HOLD], stdout=subprocess.PIPE)
+    assert process.stdout is not None and process.stdout.readline()
     (root / "tmp" / "half").write_text("half")
+    found = soak._Watched()
     try:
-        assert soak._left({psutil.Process(process.pid)}, shared, root) == [f"process {process.pid}", "temporary half"]
+        soak._look(found, psutil.Process(process.pid))
+        left = soak._left(found, root)
+        assert f"process {process.pid}" in left and "temporary half" in left
+        assert [name for name in left if name.startswith("shared memory sem.")]
     finally:
-        process.kill()
+        process.terminate()
         process.wait()
-    assert soak._left({psutil.Process()} & set(), shared, root) == [], "what was told of is put aside"
+    monkeypatch.setattr(soak, "_PATIENCE", 10.0)
+    assert soak._left(found, root) == []
 
 
 def test_a_command_is_watched_with_its_workers(root: Path) -> None:
