@@ -141,7 +141,7 @@ def _left(found: _Watched, root: Path) -> list[str]:
         (root / "tmp" / name).rename(root / f"left-{len(list(root.iterdir()))}-{name}")
     return [
         *(f"process {each.pid}" for each in alive),
-        *(f"shared memory {path.name}" for path in sorted(_SHARED.iterdir()) if path.stat().st_ino in found.shared),
+        *(f"shared memory {entry.name}" for entry in os.scandir(_SHARED) if entry.inode() in found.shared),
         *(f"temporary {name}" for name in temporary),
     ]
 
