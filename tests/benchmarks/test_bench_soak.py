@@ -57,4 +57,4 @@ def test_a_command_is_watched_with_its_workers(root: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", child], stderr=subprocess.PIPE)
     found = soak._watch(process, root)
     assert len(found.seen) == 2 and found.seconds >= 2.5 and found.left == []
-    assert all(memory > 1 for memory in found.memory) and all(handles >= 3 for handles in found.handles)
+    assert max(found.memory) > 5 and max(found.handles) >= 6, "of both"
