@@ -18,7 +18,7 @@ import psutil
 from benchmarks.crash_checks import different, progress, unreadable
 from benchmarks.outcome import Outcome, Target
 
-SEED, KILLS, QUICK_KILLS = 20261122, 100, 2  # kills of each stage
+SEED, KILLS, QUICK_KILLS = 20261122, 70, 2  # kills of each stage
 _PATIENCE = 10.0  # [s] for the workers of a killed process to end
 _TINY = {
     **{"world.horizon": 15, "collect.episodes": 24, "collect.steps": 12, "collect.workers": 2},

@@ -1,6 +1,7 @@
 """What must hold of an artifact whose writer was killed, and whether two artifacts are the same."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -70,5 +71,6 @@ def progress(directory: Path) -> int:
         return _DONE
     if (directory / "episodes").is_dir():
         return len(list((directory / "episodes").glob("*.mcap")))
-    names = [path.stem for path in directory.glob("checkpoints/[0-9e]*") if not path.name.startswith(".")]
-    return max((int(name.replace("-", "").removeprefix("epoch")) for name in names), default=0)
+    names = [path.name for path in directory.glob("checkpoints/[0-9e]*")]
+    found = (re.fullmatch(r"(\d{6})-(\d{6})|epoch-(\d{6})-\w+\.safetensors", name) for name in names)
+    return max((int("".join(each.groups(""))) for each in found if each), default=0)

@@ -53,3 +53,10 @@ def test_progress_never_goes_back_while_there_is_some(artifact: Path) -> None:
     assert progress(artifact) == 0
     write_bytes(b"{}", artifact / "checkpoints" / "policy.json")
     assert progress(artifact) > 6_000_000
+
+
+def test_progress_of_an_estimator(tmp_path: Path) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    for name in ("epoch-000001-0123456789abcdef.safetensors", ".epoch-000002-0123456789abcdef.safetensors.tmp"):
+        (tmp_path / "checkpoints" / name).write_bytes(b"")
+    assert progress(tmp_path) == 1
