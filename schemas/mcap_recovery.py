@@ -28,7 +28,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # opcode, length of the content [bytes]
 _CHUNK = struct.Struct("<QQQII")  # first and last time, size and CRC of its records, length of the compression's name
 _STEP = 4096  # [bytes] given to a decompressor at a time: what it has told before an error counts
-_LIMIT = 4 * 2**30  # [bytes] of a record: more is damage, not content
+_LIMIT = 2**30  # [bytes] of a record, or of what a chunk holds: more is damage, not content
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class _Copy:
         *_, size, crc, name_length = _CHUNK.unpack_from(record.content)
         name = record.content[_CHUNK.size : _CHUNK.size + name_length].decode(errors="replace")
         data = record.content[_CHUNK.size + name_length + 8 :]
-        records = _decompressed(name, data)
+        records = _decompressed(name, data, size)
         if record.is_whole and (len(records) != size or (crc and zlib.crc32(records) != crc)):
             yield f"a chunk of {len(data):,} bytes is damaged and was dropped"
             return
@@ -157,8 +157,8 @@ def _records(source: IO[bytes]) -> Iterator[_Record]:
         yield _Record(opcode, content, is_whole=len(content) == length)
 
 
-def _decompressed(name: str, data: bytes) -> bytes:
-    """As much as can be decompressed of data that may be cut off or damaged."""
+def _decompressed(name: str, data: bytes, size: int) -> bytes:
+    """As much as can be decompressed of data that may be cut off or damaged; a little more than `size` at most."""
     if name == "":
         return data
     decompressor = zstandard.ZstdDecompressor().decompressobj() if name == "zstd" else lz4.frame.LZ4FrameDecompressor()
@@ -167,5 +167,7 @@ def _decompressed(name: str, data: bytes) -> bytes:
         try:
             found += decompressor.decompress(data[start : start + _STEP])
         except (zstandard.ZstdError, RuntimeError, EOFError):
+            break
+        if len(found) > min(size, _LIMIT):
             break
     return bytes(found)

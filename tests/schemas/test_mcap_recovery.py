@@ -1,8 +1,11 @@
 """What is kept of a damaged file is what was written; what is not is said."""
 
+import struct
+import tracemalloc
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -87,3 +90,17 @@ def test_no_mcap_file(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"PAR1 and more")
     with pytest.raises(ArtifactError, match="does not begin as an MCAP file does"):
         recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+
+
+def test_a_chunk_that_is_a_bomb_is_not_let_off(tmp_path: Path) -> None:
+    """A gigabyte in some kilobytes, said to be a hundred bytes."""
+    compressor, zeros = zstandard.ZstdCompressor().compressobj(), bytes(2**24)
+    data = b"".join(compressor.compress(zeros) for _ in range(64)) + compressor.flush()
+    content = struct.pack("<QQQII", 0, 0, 100, 0, 4) + b"zstd" + struct.pack("<Q", len(data)) + data
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(content)) + content)
+    tracemalloc.start()
+    found = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "is damaged and was dropped" in found.lost[0]
+    assert peak < 2**29
