@@ -85,16 +85,16 @@ def _whole(stage: _Stage, root: Path) -> float:
 
 def _kill_until_done(stage: _Stage, root: Path, name: str, seconds: float, kills: int, rng: random.Random) -> None:
     """Kill and resume one artifact until it ends, by itself at the latest when there were kills enough."""
-    directories, reached = stage.directories(root, name), 0
+    directories = stage.directories(root, name)
+    reached = dict.fromkeys(directories, 0)
     while True:
-        process = stage.start(root, name, resume=reached > 0 or any(path.exists() for path in directories))
+        process = stage.start(root, name, resume=any(path.exists() for path in directories))
         killed = stage.kills < kills and _kill(stage, process, rng.uniform(0.2, 1.1) * seconds)
         if not killed:
             break
         stage.broken += [f"{name}: {problem}" for path in directories if path.exists() for problem in unreadable(path)]
-        now = sum(progress(path) for path in directories)
-        if now < reached:
-            stage.lost.append(f"{name}: from {reached} back to {now}")
+        now = {path: progress(path) for path in directories}
+        stage.lost += [f"{p}: from {reached[p]} back to {now[p]}" for p in directories if now[p] < reached[p]]
         reached = now
     _, said = process.communicate()
     if process.returncode:

@@ -27,12 +27,12 @@ _TINY = {
 }
 _BLIND = {"policy.schemes": ["oracle"], "policy.seeds": list(range(10)), "policy.episodes": 250}
 _SEEING = {"policy.schemes": ["oracle", "dense"], "policy.seeds": [0, 1], "policy.episodes": 60}
-_ENDS: dict[str, tuple[signal.Signals, ...]] = {
-    "by itself": (),
-    "Ctrl-C": (signal.SIGINT,),
-    "Ctrl-C twice": (signal.SIGINT, signal.SIGINT),
-    "SIGTERM": (signal.SIGTERM,),
-    "SIGKILL": (signal.SIGKILL,),
+_ENDS: dict[str, tuple[tuple[signal.Signals, ...], int]] = {  # signals, exit code
+    "by itself": ((), 0),
+    "Ctrl-C": ((signal.SIGINT,), 130),
+    "Ctrl-C twice": ((signal.SIGINT, signal.SIGINT), 130),
+    "SIGTERM": ((signal.SIGTERM,), 130),
+    "SIGKILL": ((signal.SIGKILL,), -9),
 }
 
 
@@ -68,7 +68,7 @@ def run(quick: bool) -> Outcome:
             "oracles": _watch(_start(root, "train-policy", blind, "blind"), root),
             "with camera": _watch(_start(root, "train-policy", seeing, "seeing", "--estimator", "eye"), root),
         }
-        left = [f"{how}: {found}" for how, signals in _ENDS.items() for found in _ended(root, how, signals, quick)]
+        left = [f"{how}: {found}" for how in _ENDS for found in _ended(root, how, quick)]
         counts = {name: _transitions(root / "runs" / name) for name in ("blind", "seeing")}
     return _outcome(watched, left, counts, quick)
 
@@ -121,8 +121,9 @@ def _look(found: _Watched, process: psutil.Process) -> None:
     found.handles.append(sum(handles))
 
 
-def _ended(root: Path, how: str, signals: tuple[signal.Signals, ...], quick: bool) -> list[str]:
-    """What is left of a training in several processes that is ended in the middle."""
+def _ended(root: Path, how: str, quick: bool) -> list[str]:
+    """What is left of a training in several processes that is ended in the middle, or another exit code."""
+    signals, code = _ENDS[how]
     short = {"policy.episodes": 4 if quick or not signals else 400, "policy.final_episodes": 1, "world.horizon": 50}
     settings = {**_SEEING, **short, "policy.processes": 2, "policy.workers": 1}
     process = _start(root, "train-policy", settings, how.replace(" ", "-"), "--estimator", "eye")
@@ -131,7 +132,7 @@ def _ended(root: Path, how: str, signals: tuple[signal.Signals, ...], quick: boo
         os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
         time.sleep(1)
     process.communicate()
-    return _left(found, root)
+    return _left(found, root) + ([f"exit code {process.returncode}"] if process.returncode != code else [])
 
 
 def _left(found: _Watched, root: Path) -> list[str]:

@@ -5,6 +5,7 @@ import json
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import click
@@ -50,9 +51,9 @@ def _command(arguments: Sequence[str]) -> str:
 def _interrupted(arguments: Sequence[str]) -> str:
     command = _command(arguments)
     if command in RESUMABLE:
-        return "interrupted; what was finished is on disk: the same command with --resume goes on from there"
+        return "interrupted; the same command with --resume goes on from the last checkpoint"
     if command == "run":
-        return "interrupted; what was finished is on disk: the same command goes on from there"
+        return "interrupted; the same command goes on from the last checkpoint"
     return "interrupted"
 
 
@@ -79,5 +80,6 @@ def report(error: BaseException, arguments: Sequence[str]) -> int:
     click.echo(f"Error: {printable(shortened(failure.message), kept)}", err=True)
     if "--json" in arguments:
         said = {"type": failure.kind, "message": failure.message, "exit_code": failure.exit_code}
-        click.echo(json.dumps({"error": {**said, **failure.details}}))
+        with suppress(OSError):  # it may be stdout that is full
+            click.echo(json.dumps({"error": {**said, **failure.details}}))
     return failure.exit_code

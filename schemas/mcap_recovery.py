@@ -19,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from schemas.errors import ArtifactError
@@ -141,6 +141,9 @@ class _Copy:
         elif opcode == Opcode.METADATA:
             metadata = Metadata.read(stream)
             self._writer.add_metadata(metadata.name, metadata.metadata)
+        elif opcode == Opcode.ATTACHMENT:
+            file = Attachment.read(stream)
+            self._writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
         elif opcode == Opcode.MESSAGE:
             message = Message.read(stream, len(content))
             number, topic = self._channels[message.channel_id]

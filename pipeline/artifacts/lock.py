@@ -6,7 +6,11 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from schemas.errors import ConfigError
+from schemas.errors import ArtifactError, ConfigError
+from schemas.files import leads_out
+
+_PATIENCE = 0.5
+"""[s] A reader that asks who writes holds the lock for a moment, too."""
 
 
 def is_held(root: Path, artifact_id: str) -> bool:
@@ -27,15 +31,17 @@ class ArtifactLock:
     """Held while an artifact is written. The operating system releases it when the process ends, however it ends."""
 
     def __init__(self, root: Path, artifact_id: str) -> None:
-        self._id = artifact_id
+        self._id, self._root = artifact_id, root
         self.path = root / ".locks" / f"{artifact_id.replace('/', '--')}.lock"
         self._lock = FileLock(self.path)
 
     def acquire(self) -> None:
         """Take the lock; ConfigError naming the holder when another process has it."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        if leads_out(self.path, self._root):
+            raise ArtifactError(f"{self.path.parent} is a link that leads out of the data root: remove it")
         try:
-            self._lock.acquire(blocking=False)
+            self._lock.acquire(timeout=_PATIENCE, poll_interval=0.02)
         except Timeout as error:
             raise ConfigError(
                 f"{self._id} is being written by another process ({self._holder()}): wait for it or use another --name"

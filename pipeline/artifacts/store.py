@@ -182,6 +182,7 @@ class Store:
     def _build(self, request: Request, manifest: Manifest | None, lock: ArtifactLock) -> Build:
         target = self.path(request.id)
         if manifest and not _replaceable(request.id):
+            check_links(target)
             begun = {"status": "running", "code": code(), "environment": environment(), "files": []}
             running = manifest.model_copy(update=begun)
             write_manifest(running, target)
@@ -234,6 +235,13 @@ def publish(path: Path, target: Path) -> None:
     fsync_directory(target.parent)
     if old.exists():
         shutil.rmtree(old)
+
+
+def check_links(path: Path) -> None:
+    """ArtifactError where a link in the artifact leads out of it: what is written there would be written elsewhere."""
+    for each in path.rglob("*"):
+        if each.is_symlink() and leads_out(each, path):
+            raise ArtifactError(f"{each} is a link that leads out of the artifact: put what it leads to in its place")
 
 
 def check_present(path: Path, manifest: Manifest) -> None:

@@ -42,5 +42,5 @@ def _show(checks: list[Any]) -> None:
 
     made = table("", "check", "found", "what to do")
     for check in checks:
-        made.add_row("[green]ok[/]" if check.ok else "[red]no[/]", check.name, check.found, check.remedy)
+        made.add_row("ok" if check.ok else "NO", check.name, check.found, check.remedy)
     console().print(made)

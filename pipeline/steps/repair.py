@@ -8,7 +8,7 @@ from pipeline.artifacts.inputs import load
 from pipeline.artifacts.lock import ArtifactLock
 from pipeline.artifacts.manifests import MANIFEST, write_manifest
 from pipeline.artifacts.names import split_id
-from pipeline.artifacts.store import BEFORE_REPAIR, Store
+from pipeline.artifacts.store import BEFORE_REPAIR, Store, check_links
 from pipeline.artifacts.verify import problem
 from schemas.errors import ConfigError
 from schemas.files import leads_out, write_bytes
@@ -58,6 +58,8 @@ def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
     try:
         manifest = load(store.root, artifact_id)
         path = store.path(artifact_id)
+        if manifest.status == "running":
+            check_links(path)
         damaged = {file.path: found for file in manifest.files if (found := problem(path, file)) is not None}
         return (_run if kind == "runs" else _files)(store, manifest, damaged, dry_run)
     finally:
@@ -80,7 +82,7 @@ def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: 
     from stages.policy.salvage import assess, cut
 
     path = store.path(manifest.id)
-    whole = assess(path, damaged)
+    whole = assess(path, damaged, from_logs=bool(manifest.config.get("sources")))
     lost = (*damaged.values(), *whole.lost)
     if damaged and all(name.startswith(_ADDITIONS) for name in damaged) and not whole.lost:
         if not dry_run:

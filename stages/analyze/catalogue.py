@@ -14,7 +14,6 @@ from schemas.manifest import MANIFEST, Manifest, parse_manifest
 Kind = Literal["datasets", "estimators", "runs", "relabels"]
 
 _DEPTH: dict[Kind, int] = {"datasets": 1, "estimators": 1, "runs": 2, "relabels": 2}  # directories below data/KIND
-_UNFINISHED = (".tmp", ".partial")
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ def _directories(parent: Path, depth: int) -> Iterator[Path]:
     if not parent.is_dir():
         return
     for path in sorted(parent.iterdir()):
-        if path.name.startswith(".") or path.name.endswith(_UNFINISHED) or not path.is_dir():
+        if path.name.startswith(".") or not path.is_dir():
             continue
         if depth == 1:
             yield path

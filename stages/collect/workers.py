@@ -1,5 +1,6 @@
 """Episodes in this process or in several; the results are the same, in whichever order they come."""
 
+import signal
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -46,7 +47,7 @@ def _in_processes(
     # spawned, not forked: a forked OpenGL context or thread pool is undefined
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker, initargs=(make,))
     try:
-        with interrupts_ignored():
+        with interrupts_ignored(signal.SIGTERM):  # a supervisor sends it to all; this process stops the others
             futures = [pool.submit(_collect, plan) for plan in plans]  # which starts the processes
         for future in as_completed(futures):
             yield future.result()

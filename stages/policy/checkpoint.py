@@ -16,6 +16,7 @@ from schemas.errors import ArtifactError
 from schemas.files import fsync_directory, write_bytes
 from stages.policy.td3 import TD3
 
+_DIGITS = 6 * "[0-9]"
 KEPT = 2  # runs of a matrix may have been killed one checkpoint apart
 
 
@@ -43,7 +44,7 @@ class Remembered:
 
 def available(out: Path) -> list[Position]:
     """Positions of a run's checkpoints, oldest first."""
-    names = [path.name.split("-") for path in out.glob("checkpoints/??????-??????")]
+    names = [path.name.split("-") for path in out.glob(f"checkpoints/{_DIGITS}-{_DIGITS}")]
     return sorted(Position(int(episodes), int(final)) for episodes, final in names)
 
 
@@ -67,6 +68,13 @@ def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, in
     fsync_directory(directory.parent)
     for old in available(out)[:-KEPT]:
         shutil.rmtree(out / "checkpoints" / old.name)
+
+
+def drop_after(out: Path, position: Position) -> None:
+    """Remove the checkpoints later than `position`, from which a run goes on."""
+    for later in available(out):
+        if later > position:
+            shutil.rmtree(out / "checkpoints" / later.name)
 
 
 def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:

@@ -72,6 +72,8 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
     """Put every run back to the newest checkpoint all have; the log is the source of the replay buffer."""
     common = set.intersection(*(set(checkpoint.available(spec.out)) for spec in group))
     position = max(common, default=START)
+    for spec in group:  # before a log is cut: what counts on more of it than it will hold is of no use to anybody
+        checkpoint.drop_after(spec.out, position)
     for row, (spec, log) in enumerate(zip(group, logs, strict=True)):
         if spec.sources:
             offline.fill(buffer, row, spec.sources)

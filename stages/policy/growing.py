@@ -46,7 +46,9 @@ class Growing:
     def _stored(self, count: int) -> pa.Table:
         table = read_parquet(self._path).cast(self._schema) if count else self._schema.empty_table()
         if table.num_rows < count:
-            raise ArtifactError(f"{self._path} has {table.num_rows} rows, its checkpoint {count}: the run is damaged")
+            raise ArtifactError(
+                f"{self._path} has {table.num_rows} rows, its checkpoint {count}: see `pipeline repair`"
+            )
         return table
 
     def _fresh(self) -> pa.Table:

@@ -99,6 +99,7 @@ class Lockstep:
         learning = episode >= self.config.warmup_episodes
         self._learner.begin(episode)
         self._rollout(_Episode("train", episode, episode, self._exploration(episode), learning), task)
+        self._fail_unlearnt(episode)
 
     def learn_episode(self, episode: int, task: Task) -> None:
         """As many updates as a training episode has steps, from what the buffers hold; no step in the world."""
@@ -108,6 +109,7 @@ class Lockstep:
         for step in range(self.horizon):
             self._learner.learn(self.alive, step)
         self._learner.end(self.alive)
+        self._fail_unlearnt(episode)
         seconds = time.perf_counter() - started
         self.learning_seconds += seconds
         task.advance()
@@ -221,6 +223,13 @@ class Lockstep:
                 where = f"{episode.split} episode {episode.number}, step {step}"
                 self.errors[row] = f"{what} in {where}; the episode up to there is kept in failure/"
                 self._keep_failure(row, episode, step + 1, initial[row])
+                self._worlds.drop(row)
+
+    def _fail_unlearnt(self, episode: int) -> None:
+        """End runs whose networks hold no numbers any more, before a checkpoint keeps them; the episode is logged."""
+        for row in self.alive:
+            if not self._td3.is_finite(row):
+                self.errors[row] = f"the networks hold values that are no numbers after train episode {episode}"
                 self._worlds.drop(row)
 
     def _keep_failure(self, row: int, episode: _Episode, steps: int, initial: np.ndarray) -> None:

@@ -39,7 +39,7 @@ class Parts:
         if rows > sum(counts):
             raise ArtifactError(
                 f"{self._run / 'transitions'} holds {sum(counts)} transitions, its episodes have {rows}: "
-                "the run is damaged; remove it and train again"
+                "see `pipeline repair`"
             )
         for path, count in zip(reversed(paths), reversed(counts), strict=True):  # at any moment the first are there
             counts.pop()

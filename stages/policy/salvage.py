@@ -1,6 +1,7 @@
 """What is left of a damaged run: its log up to the last whole episode, and the checkpoints that fit it."""
 
 import shutil
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,10 +29,11 @@ class Whole:
     lost: tuple[str, ...]  # in words; empty: nothing is
 
 
-def assess(run: Path, damaged: Collection[str]) -> Whole:
+def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whole:
     """What is whole in `run`, of which the files `damaged` (relative to it) are known not to be what was written.
 
-    Parquet files are read, and their checksums verified; so is what seals a checkpoint.
+    A run that learns `from_logs` has no training episodes: its updates are whole without. Parquet files are read, and
+    their checksums verified; so is what seals a checkpoint.
     """
     lost: list[str] = []
     parts, rows = [], 0
@@ -48,10 +50,16 @@ def assess(run: Path, damaged: Collection[str]) -> Whole:
     kept = episodes.slice(0, int(np.searchsorted(np.cumsum(episodes["length"].to_numpy()), rows, side="right")))
     if kept.num_rows < episodes.num_rows:
         lost.append(f"{episodes.num_rows - kept.num_rows} of {episodes.num_rows} episodes")
-    whole = {"episodes": kept, **_covered(_of(logs, "evaluations"), _of(logs, "updates"), kept)}
+    whole = {"episodes": kept, "evaluations": _evaluated(_of(logs, "evaluations"), kept)}
+    whole["updates"] = _of(logs, "updates") if from_logs else _learnt(_of(logs, "updates"), kept)
+    for name in ("evaluations", "updates"):
+        if (rows := whole[name].num_rows) < (there := _of(logs, name).num_rows):
+            lost.append(f"{there - rows} of {there} rows of {name}")
     points = {point.name: checkpoint.counts(run, point) for point in checkpoint.available(run)}
     usable = [name for name, counts in points.items() if counts is not None and _holds(whole, counts)]
     lost += [f"checkpoint {name}" for name in points if name not in usable]
+    if lost and checkpoint.published(run) is not None:
+        lost.append("that the run has ended (its policy stays until it is trained anew)")
     return Whole(whole, tuple(parts), tuple(usable), _in_words(kept), tuple(lost))
 
 
@@ -84,19 +92,21 @@ def _of(logs: dict[str, pa.Table | None], name: str) -> pa.Table:
     return _LOGS[name].empty_table() if found is None else found
 
 
-def _covered(evaluations: pa.Table, updates: pa.Table, episodes: pa.Table) -> dict[str, pa.Table]:
-    """Evaluations of episodes that are all there, and updates of training episodes that are."""
-    there = _per_split(episodes)
-    needed = dict.fromkeys(there, 0)
-    count = 0
+def _evaluated(evaluations: pa.Table, episodes: pa.Table) -> pa.Table:
+    """Evaluations whose episodes are all there."""
+    there, needed, count = _per_split(episodes), Counter[str](), 0
     for row in evaluations.select(["split", "episodes"]).to_pylist():
-        needed[row["split"]] = needed.get(row["split"], 0) + row["episodes"]
+        needed[row["split"]] += row["episodes"]
         if needed[row["split"]] > there.get(row["split"], 0):
             break
         count += 1
-    later = np.flatnonzero(updates["episode"].to_numpy() >= there.get("train", 0))
-    learnt = int(later[0]) if len(later) else updates.num_rows
-    return {"evaluations": evaluations.slice(0, count), "updates": updates.slice(0, learnt)}
+    return evaluations.slice(0, count)
+
+
+def _learnt(updates: pa.Table, episodes: pa.Table) -> pa.Table:
+    """Updates of training episodes that are there."""
+    later = np.flatnonzero(updates["episode"].to_numpy() >= _per_split(episodes).get("train", 0))
+    return updates.slice(0, int(later[0]) if len(later) else updates.num_rows)
 
 
 def _per_split(episodes: pa.Table) -> dict[str, int]:

@@ -117,7 +117,9 @@ class _Child:
     def _died(self) -> MachineError:
         self._process.join(timeout=1)
         code = self._process.exitcode
-        return MachineError(f"a training process died (exit code {code}); what was finished is on disk: use --resume")
+        return MachineError(
+            f"a training process died (exit code {code}); the log up to the last checkpoint is on disk: use --resume"
+        )
 
 
 def _serve(

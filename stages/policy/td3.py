@@ -103,6 +103,13 @@ class TD3:
         weight[: len(mean)] /= deviation[:, None]
         return network | {"0.weight": weight, "0.bias": bias - mean @ weight[: len(mean)]}
 
+    def is_finite(self, row: int) -> bool:
+        """No number of a run's networks or of their optimisers is infinite or none at all."""
+        optimisers = self.actor_optimiser, self.critic_optimiser
+        every = [self.actor, self.critic, self.actor_target, self.critic_target]
+        every += [values for each in optimisers for values in (each.mean, each.square)]
+        return all(bool(values[row].isfinite().all()) for values in every)
+
     def set_learning_rate(self, rate: float) -> None:
         """Of all networks, from the next update on."""
         self.actor_optimiser.learning_rate = self.critic_optimiser.learning_rate = rate

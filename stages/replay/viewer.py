@@ -1,14 +1,17 @@
 """Opens the Rerun viewer for this machine only: its server listens on 127.0.0.1, by default on every interface."""
 
+import json
 import os
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 from schemas.errors import MachineError
+from schemas.files import write_bytes
 
 LOOPBACK = "127.0.0.1"
 _FAILS_WITHIN = 2.0  # [s]; a viewer that has no window to open ends at once
@@ -45,7 +48,19 @@ def start_viewer(recording: Path, *options: str) -> subprocess.Popen[bytes]:
     """The viewer as a process group of its own, opening `recording`."""
     command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, "--hide-welcome-screen", *options, str(recording)]
     quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    return subprocess.Popen(
+        command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True, env=os.environ | _without_telemetry()
+    )
+
+
+def _without_telemetry() -> dict[str, str]:
+    """Environment in which the viewer tells nobody how it is used: a configuration directory of its own says so."""
+    directory = Path(tempfile.gettempdir()) / f"dense2sparse-viewer-{os.getuid()}"
+    (directory / "rerun").mkdir(mode=0o700, parents=True, exist_ok=True)
+    settings = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+    places = {"config_file_path": str(directory / "rerun/analytics.json"), "data_dir_path": str(directory / "data")}
+    write_bytes(json.dumps(settings | places).encode(), directory / "rerun/analytics.json")
+    return {"XDG_CONFIG_HOME": str(directory)}
 
 
 def stop_viewer(process: subprocess.Popen[bytes], patience: float = 5.0) -> None:

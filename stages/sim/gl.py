@@ -40,7 +40,7 @@ def context_lost(why: object) -> MachineError:
     """The context is of no use any more: frames drawn in it would be those of before, or black."""
     return MachineError(
         f"the OpenGL context was lost ({why}): the driver was reset or the GPU is gone; "
-        "what was finished is on disk: once `pipeline doctor` finds OpenGL again, go on with --resume"
+        "what the last checkpoint holds is on disk: once `pipeline doctor` finds OpenGL again, go on with --resume"
     )
 
 

@@ -1,6 +1,7 @@
 """Many worlds stepped as one, in this process or in worker processes that hand frames over in shared memory."""
 
 import multiprocessing
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -104,13 +105,13 @@ class WorldPool:
         shares = [share for share in np.array_split(np.arange(worlds), max(1, workers)) if len(share)]
         self._slices = [slice(int(share[0]), int(share[-1]) + 1) for share in shares]
         self._hands: list[_Local | _Remote] = []
-        for rows in self._slices:
-            part = View(view.poses[rows], view.image_size, view.fovy) if view else None
-            if workers:
-                self._hands.append(_Remote(config, task, part, shared, rows))
-            else:
-                self._hands.append(_Local(_Group(config, task, part, self._arrays.rows(rows))))
         try:
+            for rows in self._slices:
+                part = View(view.poses[rows], view.image_size, view.fovy) if view else None
+                if workers:
+                    self._hands.append(_Remote(config, task, part, shared, rows))
+                else:
+                    self._hands.append(_Local(_Group(config, task, part, self._arrays.rows(rows))))
             self._all("ready")
         except BaseException:
             self.close()
@@ -170,7 +171,7 @@ class _Remote:
         self._pipe, theirs = context.Pipe()
         arguments = (theirs, config, task, view, shared, rows)
         self._process = context.Process(target=_serve, args=arguments, daemon=True, name=f"worlds-{rows.start}")
-        with interrupts_ignored():
+        with interrupts_ignored(signal.SIGTERM):  # a supervisor sends it to all; the worker ends with its pipe
             self._process.start()
         theirs.close()
 
@@ -198,7 +199,9 @@ class _Remote:
     def _died(self) -> MachineError:
         self._process.join(timeout=1)
         code = self._process.exitcode
-        return MachineError(f"a simulation worker died (exit code {code}); what was finished is on disk: use --resume")
+        return MachineError(
+            f"a simulation worker died (exit code {code}); the log up to the last checkpoint is on disk: use --resume"
+        )
 
 
 def _serve(pipe: Connection, config: WorldConfig, task: str, view: View | None, shared: Shared, rows: slice) -> None:

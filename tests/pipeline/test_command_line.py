@@ -150,6 +150,6 @@ def test_interruption(tmp_path: Path, stage: str, how: list[signal.Signals]) -> 
     assert process.returncode == 130
     assert [line for line in stderr.splitlines() if line] == [
         "stopping at the next whole episode or epoch, which is kept (Ctrl-C again: now)",
-        "Error: interrupted; what was finished is on disk: the same command with --resume goes on from there",
+        "Error: interrupted; the same command with --resume goes on from the last checkpoint",
     ]
     assert '"status": "running"' in (tmp_path / "datasets/default/manifest.json").read_text()

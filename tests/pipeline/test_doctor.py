@@ -64,3 +64,10 @@ def test_no_gpu_where_one_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     require_device("cpu")
     with pytest.raises(MachineError, match="finds no GPU"):
         require_device("cuda")
+
+
+def test_the_table_is_plain_text(run: Run) -> None:
+    """What is found comes from elsewhere: nothing in it is markup."""
+    shown = run("doctor").stdout
+    assert "
+ok  " in shown and "[/]" not in shown

@@ -26,7 +26,7 @@ from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
             4,
             "unexpected ZeroDivisionError: division by zero (--debug shows where)",
         ),
-        (KeyboardInterrupt(), 130, "the same command with --resume goes on from there"),
+        (KeyboardInterrupt(), 130, "the same command with --resume goes on from the last checkpoint"),
     ],
 )
 def test_exit_codes(run: Run, stages: Stages, error: BaseException, code: int, message: str) -> None:

@@ -74,7 +74,7 @@ def test_a_stopped_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path) ->
     os.kill(stopped.pid, signal.SIGINT)
     _, said = stopped.communicate(timeout=120)
     assert stopped.returncode == 130, said
-    assert "stopping at the next whole episode" in said and "--resume goes on from there" in said
+    assert "stopping at the next whole episode" in said and "--resume goes on from the last checkpoint" in said
     kept = pq.read_table(tmp_path / "stopped" / cell / "episodes.parquet").num_rows
     assert 1 <= kept < 6, "the episode was finished and kept, though no checkpoint was due"
     for root, more in (("stopped", "--resume"), ("whole", "--quiet")):
@@ -83,3 +83,20 @@ def test_a_stopped_run_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path) ->
     one, other = (tmp_path / root / cell for root in ("stopped", "whole"))
     for name in ("transitions/part-00000.parquet", "evaluations.parquet", "checkpoints/policy.safetensors"):
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
+
+
+def test_a_supervisor_s_sigterm_to_all_processes_is_one_wish(tmp_path: Path) -> None:
+    """Also to those that simulate: the episode is finished and kept."""
+    cell = tmp_path / "runs/n/reach-oracle-orbit00-seed0"
+    settings = [sys.executable, "-m", "pipeline", "train-policy", "--name", "n", "--data", str(tmp_path)]
+    settings += [part for key, value in TINY.items() for part in ("--set", f"{key}={value}")]
+    process = subprocess.Popen(
+        [*settings, "--set", "policy.workers=1"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while not (cell / "transitions").is_dir() and process.poll() is None:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGTERM)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert pq.read_table(cell / "episodes.parquet").num_rows >= 1

@@ -1,14 +1,17 @@
 """One writer per artifact, however it ends."""
 
+import fcntl
 import signal
 import subprocess
 import sys
+import threading
+from pathlib import Path
 
 import pytest
 
 from pipeline.artifacts.lock import ArtifactLock, is_held
 from pipeline.artifacts.store import Request, Store
-from schemas.errors import ConfigError
+from schemas.errors import ArtifactError, ConfigError
 from tests.pipeline.fakes import begin
 
 ASKED = Request("datasets/small", {"collect": {"episodes": 1}})
@@ -61,3 +64,33 @@ def test_locks_of_different_artifacts_are_independent(store: Store) -> None:
     assert not is_held(store.root, "runs/a/x")
     assert is_held(store.root, "runs/a/y")
     second.release()
+
+
+def test_a_reader_that_asks_keeps_no_writer_out(store: Store) -> None:
+    """It holds the lock for the moment of its question."""
+    path = ArtifactLock(store.root, ASKED.id).path
+    path.parent.mkdir(parents=True)
+    with path.open("w") as asking:
+        fcntl.flock(asking, fcntl.LOCK_SH)
+        threading.Timer(0.1, lambda: fcntl.flock(asking, fcntl.LOCK_UN)).start()
+        with begin(store, ASKED) as build:
+            build.finish({})
+
+
+def test_locks_are_not_written_elsewhere(store: Store, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    store.root.mkdir(parents=True)
+    (store.root / ".locks").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(ArtifactError, match="leads out of the data root"):
+        store.begin(ASKED, resume=False)
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_link_in_an_artifact_is_not_written_through(store: Store, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    with pytest.raises(ZeroDivisionError), begin(store, ASKED) as build:
+        (build.path / "half").write_text("half")
+        (build.path / "episodes").symlink_to(tmp_path / "elsewhere")
+        raise ZeroDivisionError
+    with pytest.raises(ArtifactError, match=r"episodes is a link that leads out of the artifact"):
+        store.begin(ASKED, resume=True)

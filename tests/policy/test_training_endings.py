@@ -1,9 +1,11 @@
 """The training loop on fake worlds: resuming changes nothing, and a run that fails takes no other with it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.progress import Silent
@@ -102,6 +104,33 @@ class TestResume:
         trained(broken)
         assert [everything(spec) for spec in whole] == [everything(spec) for spec in broken]
 
+    def test_runs_that_went_on_from_an_older_checkpoint_forget_the_newer(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Killed one checkpoint apart, resumed, killed at once: the first alone still goes on, to the same end."""
+        whole, broken = (run_specs(tmp_path / name, ("dense", "sparse")) for name in ("whole", "broken"))
+        trained(whole)
+        original = checkpoint.save
+
+        def killed(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+            if position.episodes == 4 and row == 1:
+                raise _StopError
+            original(out, position, td3, row, counts)
+
+        monkeypatch.setattr(checkpoint, "save", killed)
+        for _ in range(2):
+            with pytest.raises(_StopError):
+                trained(broken)
+        monkeypatch.setattr(checkpoint, "save", original)
+        train_episode = Lockstep.train_episode
+        monkeypatch.setattr(Lockstep, "train_episode", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            trained(broken)
+        assert [[p.episodes for p in checkpoint.available(spec.out)] for spec in broken] == [[2], [2]]
+        monkeypatch.setattr(Lockstep, "train_episode", train_episode)
+        trained(broken[:1])
+        assert everything(broken[0]) == everything(whole[0])
+
     def test_a_run_that_ended_is_not_trained_again(self, tmp_path: Path) -> None:
         """Killed after the policy was kept and before the manifest said so: the result is there, the files stay."""
         [spec] = run_specs(tmp_path, ("dense",))
@@ -150,6 +179,32 @@ class TestResume:
 
 
 class TestFailures:
+    @pytest.mark.parametrize("online", [True, False])
+    def test_networks_that_are_no_numbers_are_never_kept(
+        self, tmp_path: Path, fake: dict[int, int], monkeypatch: pytest.MonkeyPatch, online: bool
+    ) -> None:
+        """Whether a policy acts on them or not; the neighbour goes on."""
+        specs = run_specs(tmp_path, ("dense", "sparse"), CONFIG.model_copy(update={"final_episodes": 0}))
+        if not online:
+            [source] = run_specs(tmp_path / "source", ("dense",))
+            trained([source])
+            specs = [replace(spec, sources=(source.out,)) for spec in specs]
+        original = TD3.update
+
+        def diverging(self: TD3, *arguments: object) -> object:
+            found = original(self, *arguments)  # type: ignore[arg-type]
+            if self.updates[0] == 14:
+                self.critic[0, 3] = float("nan")
+            return found
+
+        monkeypatch.setattr(TD3, "update", diverging)
+        results = trained(specs)
+        assert [result.status for result in results] == ["failed", "complete"]
+        assert "no number" in str(results[0].error) or "not a number" in str(results[0].error)
+        for point in checkpoint.available(specs[0].out):
+            weights = load_file(specs[0].out / "checkpoints" / point.name / "td3.safetensors")
+            assert all(bool(values.isfinite().all()) for values in weights.values())
+
     def test_an_unstable_run_ends_and_its_neighbours_go_on(self, tmp_path: Path, fake: dict[int, int]) -> None:
         fake[1] = 3
         specs = run_specs(tmp_path, ("dense", "sparse", "oracle"))
