@@ -69,5 +69,4 @@ def test_no_gpu_where_one_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_table_is_plain_text(run: Run) -> None:
     """What is found comes from elsewhere: nothing in it is markup."""
     shown = run("doctor").stdout
-    assert "
-ok  " in shown and "[/]" not in shown
+    assert "\nok  " in shown and "[/]" not in shown
