@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.manifests import MANIFEST, config_sha256, file_sha256, manifest_sha256
+from pipeline.artifacts.manifests import MANIFEST, file_sha256, manifest_sha256
 from pipeline.artifacts.names import artifact_path
 from schemas.errors import PipelineError
 from schemas.files import leads_out
@@ -46,7 +46,7 @@ def verify(root: Path, ids: Sequence[str], progress: Progress) -> Iterator[Verdi
             if isinstance(manifest, str):
                 yield Verdict(each, "unreadable", 0, 0, (manifest,), ())
                 continue
-            directory, problems = artifact_path(root, each), _changed(manifest)
+            directory, problems = artifact_path(root, each), []
             results = threads.map(partial(problem, directory), manifest.files)
             for file, found_wrong in zip(manifest.files, results, strict=True):
                 problems += [found_wrong] if found_wrong else []
@@ -65,12 +65,6 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
         return load(root, artifact_id)
     except PipelineError as error:
         return str(error)
-
-
-def _changed(manifest: Manifest) -> list[str]:
-    """A configuration that is not the one the artifact was made with."""
-    same = config_sha256(manifest.config) == manifest.config_sha256
-    return [] if same else [f"{MANIFEST} has another config than it was made with"]
 
 
 def problem(directory: Path, file: FileRef) -> str | None:

@@ -14,13 +14,19 @@ IS_LONG = os.environ.get("HYPOTHESIS_PROFILE") == "long"
 
 
 @pytest.fixture(scope="session")
-def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
-    """A data root with an artifact of every kind; whoever damages one puts it back."""
+def stocked(tmp_path_factory: pytest.TempPathFactory) -> Ground:
+    """A data root with an artifact of every kind."""
     made = Ground(tmp_path_factory.mktemp("guard"))
     make_stock(made.data)
+    return made
+
+
+@pytest.fixture(scope="module")
+def ground(stocked: Ground) -> Iterator[Ground]:
+    """The same, as the working directory: what a command writes beside itself is seen. Who damages it puts it back."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(made.guard)  # what a command writes beside itself is seen
-        yield made
+        patch.chdir(stocked.guard)
+        yield stocked
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

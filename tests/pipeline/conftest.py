@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -64,9 +65,8 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     return fake
 
 
-@pytest.fixture(scope="session")
-def narrow() -> Iterator[None]:
-    """An estimator of 0.3 million parameters: how work ends does not depend on its size."""
+@contextmanager
+def _narrow() -> Iterator[None]:
     from stages.perception import resnet34
 
     with pytest.MonkeyPatch.context() as patch:
@@ -74,14 +74,28 @@ def narrow() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def narrow() -> Iterator[None]:
+    """An estimator of 0.3 million parameters: how work ends does not depend on its size."""
+    with _narrow():
+        yield
+
+
 @pytest.fixture(scope="session")
-def whole(narrow: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data root in which the real stages were never interrupted; not to be changed."""
+def never_interrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data root in which the real stages, with a narrow estimator, came to their ends; not to be changed."""
     data = tmp_path_factory.mktemp("whole") / "data"
-    for command in ("collect", "train-perception", "train-policy"):
-        done = pipeline(command, data)
-        assert done.exit_code == 0, done.output
+    with _narrow():
+        for command in ("collect", "train-perception", "train-policy"):
+            done = pipeline(command, data)
+            assert done.exit_code == 0, done.output
     return data
+
+
+@pytest.fixture
+def whole(narrow: None, never_interrupted: Path) -> Path:
+    """The same, in a module whose estimators are narrow."""
+    return never_interrupted
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ def test_run_goes_on_after_an_interruption(run: Run, stages: Stages) -> None:
     stages.errors = {"collect": KeyboardInterrupt()}
     stopped = run("run", "demo", *TINY)
     assert stopped.exit_code == 130
-    assert "the same command goes on from there" in stopped.stderr
+    assert "the same command goes on from the last checkpoint" in stopped.stderr
     made = answer(run("run", "demo", *TINY, "--json"))
     assert [outcomes[0]["did"] for outcomes in made["stages"].values()] == ["resumed", "made", "made", "made"]
 

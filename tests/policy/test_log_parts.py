@@ -98,7 +98,7 @@ def test_going_back_to_a_checkpoint(spec: RunSpec, monkeypatch: pytest.MonkeyPat
 def test_fewer_transitions_than_episodes(spec: RunSpec) -> None:
     log = _write(spec)
     _paths(spec)[0].unlink()
-    with pytest.raises(ArtifactError, match=r"holds 0 transitions, its episodes have 40: the run is damaged"):
+    with pytest.raises(ArtifactError, match=r"holds 0 transitions, its episodes have 40: see `pipeline repair`"):
         RunLog(spec, 24, 7).restore(log.counts())
 
 
