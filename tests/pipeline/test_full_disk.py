@@ -58,7 +58,7 @@ def test_a_run_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("endless")
 def test_parts_in_processes_of_their_own(whole_pair: Path, tmp_path: Path) -> None:
-    with small_disk(tmp_path / "disk", size(whole_pair)) as disk:  # without room to merge the parts
+    with small_disk(tmp_path / "disk", size(whole_pair)) as disk:  # without room for two parts at a time
         full = pipeline("train-policy", disk, **PAIR)
         check_ended(full, "the disk is full", "free space, then --resume")
         for run in (disk / "runs" / "n").iterdir():
@@ -84,7 +84,7 @@ def test_collecting(whole: Path, tmp_path: Path, workers: int) -> None:
             assert path.read_bytes() == (whole / ARTIFACTS["collect"] / "episodes" / name).read_bytes()
 
 
-@pytest.mark.parametrize(("checkpoints", "where"), [(1.5, "epoch-000002.safetensors"), (2.02, "estimator.safetensors")])
+@pytest.mark.parametrize(("checkpoints", "where"), [(1.5, "epoch-000002-"), (2.02, "estimator.safetensors")])
 @pytest.mark.usefixtures("endless")
 def test_training_an_estimator(whole: Path, tmp_path: Path, checkpoints: float, where: str) -> None:
     """While the second of two checkpoints is written, and when the estimator is."""
@@ -96,7 +96,7 @@ def test_training_an_estimator(whole: Path, tmp_path: Path, checkpoints: float, 
         estimator = disk / ARTIFACTS["train-perception"]
         check_kept(estimator)
         assert pq.read_table(estimator / "epochs.parquet").num_rows == 4
-        assert (estimator / "checkpoints" / "epoch-000001.safetensors").exists()
+        assert list((estimator / "checkpoints").glob("epoch-000001-*.safetensors"))
         remount(disk, "size=64m")
         check_resumed(whole, disk, "train-perception")
         ours, theirs = (root / ARTIFACTS["train-perception"] / "estimator.safetensors" for root in (disk, whole))

@@ -77,7 +77,7 @@ def mounted(directory: Path, *options: str) -> Iterator[Path]:
     try:
         yield directory
     finally:
-        subprocess.run(["umount", str(directory)], check=True)
+        subprocess.run(["umount", "--lazy", str(directory)], check=True)  # a failed test may still hold a file
 
 
 def small_disk(directory: Path, size: int) -> Any:
