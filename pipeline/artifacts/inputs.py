@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.artifacts.manifests import file_sha256, manifest_sha256, read_manifest
+from pipeline.artifacts.manifests import manifest_sha256, read_manifest
 from pipeline.artifacts.names import STAGE_OF, artifact_path, depth, existing_ids, split_id
-from pipeline.artifacts.store import check_present
 from schemas.errors import ArtifactError, ConfigError, PipelineError, listed
-from schemas.manifest import FileRef, InputRef, Manifest
+from schemas.integrity import check_file, file_sha256
+from schemas.manifest import InputRef, Manifest
 
 HASHED = (".parquet", ".json", ".safetensors", ".mcap")
 """Files verified by content each time they are an input: two episodes that changed places have the right sizes, and
@@ -40,10 +40,8 @@ def load_shown(root: Path, artifact_id: str) -> Manifest:
 
 
 def _check_files(directory: Path, manifest: Manifest) -> None:
-    check_present(directory, manifest)
     for file in manifest.files:
-        if file.path.endswith(HASHED):
-            _check_content(directory, manifest.id, file)
+        check_file(directory, manifest.id, file, file_sha256 if file.path.endswith(HASHED) else None)
 
 
 def load(root: Path, artifact_id: str) -> Manifest:
@@ -63,12 +61,6 @@ def make(artifact_id: str) -> str:
     kind, names = split_id(artifact_id)
     more = " RUN --scheme …" if kind == "relabels" else ""
     return f"pipeline {STAGE_OF[kind]}{more} --name {names[0]}"
-
-
-def _check_content(directory: Path, artifact_id: str, file: FileRef) -> None:
-    path = directory / file.path
-    if file_sha256(path) != file.sha256:
-        raise ArtifactError(f"{artifact_id} is damaged: the content of {path} is not what was written; make it again")
 
 
 def input_ref(root: Path, artifact_id: str) -> InputRef:

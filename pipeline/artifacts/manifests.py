@@ -11,6 +11,7 @@ from pipeline.artifacts.names import STAGE_OF
 from schemas.config import flatten
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
+from schemas.integrity import file_sha256
 from schemas.manifest import MANIFEST, FileRef, Manifest
 
 PLACEMENT = ("collect.workers",)
@@ -41,12 +42,6 @@ def write_manifest(manifest: Manifest, directory: Path) -> None:
 def manifest_sha256(directory: Path) -> str:
     """Hash that pins an input."""
     return file_sha256(directory / MANIFEST)
-
-
-def file_sha256(path: Path) -> str:
-    """Hash of a file, streamed."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def list_files(directory: Path) -> list[FileRef]:

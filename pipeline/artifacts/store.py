@@ -1,6 +1,5 @@
 """Making artifacts: every one is complete, or says that it is not, or is absent."""
 
-import os
 import shutil
 import tempfile
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from pipeline.artifacts.manifests import (
 from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
 from schemas.files import fsync_directory, leads_out, remove_halves, write_bytes
+from schemas.integrity import check_file
 from schemas.manifest import InputRef, Manifest, parse_manifest
 
 BEFORE_REPAIR = ".manifest.before-repair.json"
@@ -149,7 +149,8 @@ class Store:
         manifest = read_manifest(path, request.id)
         self._check_same(request, manifest)
         if manifest.status == "complete":
-            check_present(path, manifest)
+            for file in manifest.files:
+                check_file(path, manifest.id, file, sha256=None)
         elif not resume:
             how = "was interrupted earlier" if manifest.status == "running" else f"failed earlier ({_reason(manifest)})"
             raise ConfigError(f"{request.id} {how}: add --resume to go on from its last checkpoint, or remove {path}")
@@ -242,20 +243,6 @@ def check_links(path: Path) -> None:
     for each in path.rglob("*"):
         if each.is_symlink() and leads_out(each, path):
             raise ArtifactError(f"{each} is a link that leads out of the artifact: put what it leads to in its place")
-
-
-def check_present(path: Path, manifest: Manifest) -> None:
-    """ArtifactError when a file of a complete artifact is missing, has another size or lies elsewhere."""
-    for file in manifest.files:
-        if leads_out(path / file.path, path):
-            raise ArtifactError(f"{manifest.id} is damaged: its file {file.path!r} leads out of it; make it again")
-        try:
-            size = os.stat(path / file.path).st_size
-        except OSError:
-            size = None
-        if size != file.bytes:
-            found = "missing" if size is None else f"{size} bytes instead of {file.bytes}"
-            raise ArtifactError(f"{manifest.id} is damaged: {path / file.path} is {found}; make it again")
 
 
 def _reason(manifest: Manifest) -> str:

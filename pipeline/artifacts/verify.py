@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.manifests import MANIFEST, file_sha256, manifest_sha256
+from pipeline.artifacts.manifests import MANIFEST, manifest_sha256
 from pipeline.artifacts.names import artifact_path
 from schemas.errors import PipelineError
-from schemas.files import leads_out
-from schemas.manifest import FileRef, Manifest
+from schemas.integrity import problem
+from schemas.manifest import Manifest
 from schemas.progress import Progress
 
 _UNIT = 1_000_000  # bytes
@@ -65,20 +65,6 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
         return load(root, artifact_id)
     except PipelineError as error:
         return str(error)
-
-
-def problem(directory: Path, file: FileRef) -> str | None:
-    """What is wrong with a file of the artifact in `directory`; None when it is what was written."""
-    path = directory / file.path
-    if leads_out(path, directory):
-        return f"{file.path} leads out of the artifact"
-    try:
-        size = path.stat().st_size
-        if size != file.bytes:
-            return f"{file.path} has {size:,} bytes instead of {file.bytes:,}"
-        return None if file_sha256(path) == file.sha256 else f"{file.path} is not what was written"
-    except OSError as error:
-        return f"{file.path} cannot be read ({error.strerror or error})"
 
 
 def _unlisted(directory: Path, manifest: Manifest) -> list[str]:

@@ -5,12 +5,12 @@ from typing import Any
 
 from pipeline import interrupts
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.manifests import file_sha256
 from pipeline.artifacts.space import require_space
 from pipeline.artifacts.store import Build, Request
 from pipeline.machine import require_device
 from pipeline.steps.session import Outcome, Session, make
 from schemas.errors import ArtifactError, ConfigError
+from schemas.integrity import file_sha256
 from stages.perception.config import PerceptionStageConfig
 
 SPACE_NEEDED = 3 * 350_000_000 + 100_000_000

@@ -9,9 +9,9 @@ from pipeline.artifacts.lock import ArtifactLock
 from pipeline.artifacts.manifests import MANIFEST, write_manifest
 from pipeline.artifacts.names import split_id
 from pipeline.artifacts.store import BEFORE_REPAIR, Store, check_links
-from pipeline.artifacts.verify import problem
 from schemas.errors import ConfigError
 from schemas.files import leads_out, write_bytes
+from schemas.integrity import problem
 from schemas.manifest import Manifest
 
 _ADDITIONS = ("recordings/", "failure/")

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,11 +10,16 @@ from typing import Literal
 
 from schemas.errors import ArtifactError, listed
 from schemas.files import leads_out
-from schemas.manifest import MANIFEST, Manifest, parse_manifest
+from schemas.integrity import check_file, file_sha256, problem
+from schemas.manifest import MANIFEST, FileRef, Manifest, parse_manifest
+from stages.analyze.remembered import RememberedHashes
 
 Kind = Literal["datasets", "estimators", "runs", "relabels"]
 
 _DEPTH: dict[Kind, int] = {"datasets": 1, "estimators": 1, "runs": 2, "relabels": 2}  # directories below data/KIND
+TRANSITIONS = "transitions/"
+"""Where runs and relabels keep them."""
+_THREADS = 4  # hashing is the disk's and the processor's work, not Python's
 
 
 @dataclass(frozen=True)
@@ -108,41 +114,39 @@ def _is_named(artifact: Artifact, name: str) -> bool:
 def check_files(artifact: Artifact) -> None:
     """Compare a complete artifact's Parquet files with its manifest: by content, but transitions by size.
 
-    Transitions are all but a hundredth of the logs, and many questions read none: `pipeline verify` and the stages that
-    read them compare their content.
+    Transitions are all but a hundredth of the logs, and many questions read none: see `check_transitions`.
 
     Raises:
         ArtifactError: a file is missing, elsewhere, or not what was written.
     """
-    if artifact.manifest.status != "complete":
-        return
-    for file in artifact.manifest.files:
-        path = artifact.path / file.path
-        if not file.path.endswith(".parquet"):
-            continue
-        if leads_out(path, artifact.path):
-            raise ArtifactError(f"{artifact.id}: {file.path!r} leads out of the artifact; make it again")
-        if not path.is_file():
-            raise ArtifactError(f"{artifact.id}: {file.path} is missing; restore it or make the artifact again")
-        if path.stat().st_size != file.bytes:
-            raise ArtifactError(
-                f"{artifact.id}: {file.path} has {path.stat().st_size} bytes, its manifest says {file.bytes}; "
-                "restore it or make the artifact again"
-            )
-        if not file.path.startswith("transitions/") and _sha256(path) != file.sha256:
-            raise ArtifactError(
-                f"{artifact.id} is damaged: {file.path} is not what was written; restore it or make the artifact again"
-            )
+    for file in _parquet(artifact):
+        check_file(artifact.path, artifact.id, file, None if file.path.startswith(TRANSITIONS) else file_sha256)
+
+
+def check_transitions(found: Sequence[Artifact]) -> None:
+    """Compare the content of complete artifacts' transitions with their manifests, unless it was done before.
+
+    Raises:
+        ArtifactError: a file is not what was written.
+    """
+    parts = [(each, file) for each in found for file in _parquet(each) if file.path.startswith(TRANSITIONS)]
+    hashes = RememberedHashes()
+    with ThreadPoolExecutor(_THREADS) as threads:
+        checks = [threads.submit(check_file, each.path, each.id, file, hashes.sha256) for each, file in parts]
+        try:
+            for check in checks:
+                check.result()
+        finally:
+            threads.shutdown(cancel_futures=True)
+            hashes.keep()
 
 
 def first_damaged(artifact: Artifact) -> str | None:
-    """Of a complete artifact's Parquet files, transitions too, the first whose content is not what was written."""
-    if artifact.manifest.status != "complete":
-        return None
-    parquet = (file for file in artifact.manifest.files if file.path.endswith(".parquet"))
-    return next((file.path for file in parquet if _sha256(artifact.path / file.path) != file.sha256), None)
+    """Of a complete artifact's Parquet files, transitions too, the first that is not what was written."""
+    return next((file.path for file in _parquet(artifact) if problem(artifact.path, file)), None)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _parquet(artifact: Artifact) -> list[FileRef]:
+    """Those a complete artifact lists."""
+    is_complete = artifact.manifest.status == "complete"
+    return [file for file in artifact.manifest.files if is_complete and file.path.endswith(".parquet")]

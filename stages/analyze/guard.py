@@ -31,6 +31,8 @@ class Statement(NamedTuple):
 
     text: str
     lines_before: int  # of comments, which DuckDB leaves out when it says where an error is
+    sources: frozenset[str]
+    """Tables, views and table functions it names, in lower case."""
 
 
 def check(connection: duckdb.DuckDBPyConnection, sql: str) -> Statement:
@@ -48,13 +50,13 @@ def check(connection: duckdb.DuckDBPyConnection, sql: str) -> Statement:
     statement = statements[0]
     text = statement.query.strip()
     if statement.type == duckdb.StatementType.EXPLAIN:
-        _check_tree(connection, _explained(text))
+        sources = _check_tree(connection, _explained(text))
     elif statement.type == duckdb.StatementType.SELECT:
-        _check_tree(connection, text)
+        sources = _check_tree(connection, text)
     else:
         verb = {"LOAD": "INSTALL and LOAD"}.get(statement.type.name, statement.type.name)
         raise ConfigError(f"SQL: {verb} statements are refused, the logs are read-only; {_ALLOWED}")
-    return Statement(text, sql[: max(0, sql.rfind(text))].count("\n"))
+    return Statement(text, sql[: max(0, sql.rfind(text))].count("\n"), sources)
 
 
 def _explained(text: str) -> str:
@@ -64,21 +66,27 @@ def _explained(text: str) -> str:
     return text[match.end() :]
 
 
-def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
+def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
+    """What the statement reads from; ConfigError where it does more than read."""
     [(serialised,)] = connection.execute("SELECT json_serialize_sql(?)", [text]).fetchall()
     tree = json.loads(serialised)
     if tree["error"]:
         raise ConfigError(f"SQL: {tree.get('error_message', 'not a query')}; {_ALLOWED}")
+    sources = set()
     for node in _nodes(tree):
         kind = str(node.get("type"))
         if kind.endswith("_NODE") and kind not in _READING_NODES:
             verb = kind.removesuffix("_NODE").removesuffix("_QUERY")
             raise ConfigError(f"SQL: {verb} is refused, the logs are read-only; {_ALLOWED}")
+        if kind == "BASE_TABLE":
+            sources.add(str(node.get("table_name")).lower())
         if kind == "TABLE_FUNCTION":
             name = str(node["function"].get("function_name")).lower()
             valid = _TABLE_FUNCTIONS | {macro.name for macro in macros.macros() if macro.is_table}
             if name not in valid:
                 raise ConfigError(f"SQL: {unknown_choice('table function', name, valid)}")
+            sources.add(name)
+    return frozenset(sources)
 
 
 def _nodes(tree: Any) -> Iterator[dict[str, Any]]:

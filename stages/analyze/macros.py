@@ -27,6 +27,7 @@ class Macro:
     is_table: bool  # stands after FROM; else in an expression
     meaning: str
     example: str
+    body: str
 
 
 def define(connection: duckdb.DuckDBPyConnection) -> None:
@@ -66,16 +67,19 @@ def _summary(numbers: Numbers, confidence: float) -> Summary | None:
 @cache
 def macros() -> tuple[Macro, ...]:
     """Those there are, in the order of the file."""
-    found = [_read(match) for match in _MACRO.finditer(_text())]
+    text = _text()
+    heads = list(_MACRO.finditer(text))
+    ends = [head.start() for head in heads[1:]] + [len(text)]
+    found = [_read(head, text[head.end() : end]) for head, end in zip(heads, ends, strict=True)]
     return tuple(macro for macro in found if not macro.name.startswith("_"))
 
 
-def _read(match: re.Match[str]) -> Macro:
+def _read(match: re.Match[str], body: str) -> Macro:
     comment, name, parameters, table = match.groups()
     lines = [line.removeprefix("--").strip() for line in comment.splitlines()]
     examples = [line.removeprefix(_EXAMPLE) for line in lines if line.startswith(_EXAMPLE)]
     meaning = " ".join(line for line in lines if not line.startswith(_EXAMPLE))
-    return Macro(name, f"{name}({parameters})", table is not None, meaning, " ".join(examples))
+    return Macro(name, f"{name}({parameters})", table is not None, meaning, " ".join(examples), body)
 
 
 @cache

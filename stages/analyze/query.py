@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 from pathlib import Path
 from typing import TextIO
 
@@ -10,13 +11,15 @@ import duckdb
 import pyarrow as pa
 
 from schemas.errors import ArtifactError, ConfigError, MachineError, unknown_choice
-from stages.analyze import guard
-from stages.analyze.catalogue import artifacts, first_damaged
+from stages.analyze import guard, macros
+from stages.analyze.catalogue import Kind, artifacts, check_transitions, first_damaged
 from stages.analyze.pinned import by_name
 from stages.analyze.views import connect
 from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
 
 BATCH_ROWS = 10_000
+_LOGS: tuple[Kind, ...] = ("runs", "relabels")
+"""Kinds of artifacts with transitions."""
 _USERS = tuple(f"SQL: {kind} Error" for kind in ("Parser", "Binder", "Catalog", "Permission", "Conversion"))
 """Errors that are of the query, whatever the logs hold."""
 FORMATS = (*TEXT_WRITERS, "parquet")
@@ -28,13 +31,16 @@ def query(connection: duckdb.DuckDBPyConnection, sql: str) -> pa.RecordBatchRead
     Raises:
         ConfigError: the statement is refused or wrong; DuckDB's message points at the spot.
     """
-    text, lines_before = guard.check(connection, sql)
+    return _answer(connection, guard.check(connection, sql))
+
+
+def _answer(connection: duckdb.DuckDBPyConnection, statement: guard.Statement) -> pa.RecordBatchReader:
     try:
-        return connection.sql(text).to_arrow_reader(BATCH_ROWS)
+        return connection.sql(statement.text).to_arrow_reader(BATCH_ROWS)
     except duckdb.InterruptException:
         raise KeyboardInterrupt from None
     except duckdb.Error as error:
-        raise _sql_error(_located(connection, text, lines_before, error)) from None
+        raise _sql_error(_located(connection, statement, error)) from None
 
 
 def write(reader: pa.RecordBatchReader, format: str, target: TextIO | Path) -> int:
@@ -73,7 +79,10 @@ def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream:
         raise ConfigError("Parquet is no text: name a file with -o FILE.parquet")
     target = stream if output is None else output
     with connect(data_root) as connection, ThreadPoolExecutor(1) as thread:
-        rows = thread.submit(lambda: write(query(connection, sql), format, target))
+        statement = guard.check(connection, sql)
+        if statement.sources & _of_transitions():
+            check_transitions([artifact for kind in _LOGS for artifact in artifacts(data_root, kind)])
+        rows = thread.submit(lambda: write(_answer(connection, statement), format, target))
         try:
             while not wait([rows], timeout=0.2).done:  # a signal may reach another thread and not wake this one
                 pass
@@ -90,10 +99,18 @@ def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream:
 
 def _blame_damage(data_root: Path, error: ConfigError) -> None:
     """ArtifactError where a log is not what was written: DuckDB has many words for what it then stumbles over."""
-    for kind in ("runs", "relabels"):
+    for kind in _LOGS:
         for artifact in artifacts(data_root, kind):
             if damaged := first_damaged(artifact):
                 raise ArtifactError(f"a log is damaged: {artifact.path / damaged} ({error}); make it again") from error
+
+
+@cache
+def _of_transitions() -> frozenset[str]:
+    """What a statement names that reads transitions: the views, the macros that ask them, and whatever opens files."""
+    views = ("transitions", "relabelled_transitions")
+    asking = {macro.name for macro in macros.macros() if any(view in macro.body for view in views)}
+    return frozenset({*views, *asking, "read_parquet", "parquet_scan"})
 
 
 def _to_file(reader: pa.RecordBatchReader, format: str, path: Path) -> int:
@@ -115,15 +132,16 @@ def _batches(reader: pa.RecordBatchReader) -> Iterator[pa.RecordBatch]:
         yield batch
 
 
-def _located(connection: duckdb.DuckDBPyConnection, text: str, lines_before: int, error: duckdb.Error) -> str:
+def _located(connection: duckdb.DuckDBPyConnection, statement: guard.Statement, error: duckdb.Error) -> str:
     """DuckDB's message with the line and the mark; relations leave them out of binder errors, statements do not."""
     message = str(error)
     if "LINE" not in message:
         try:
-            connection.execute(text)
+            connection.execute(statement.text)
         except duckdb.Error as located:
             message = str(located)
-    return re.sub(r"(?m)^LINE (\d+):(.*\n)", lambda line: _line(line[1], int(line[1]) + lines_before, line[2]), message)
+    before = statement.lines_before
+    return re.sub(r"(?m)^LINE (\d+):(.*\n)", lambda line: _line(line[1], int(line[1]) + before, line[2]), message)
 
 
 def _line(said: str, number: int, rest: str) -> str:

@@ -1,7 +1,6 @@
 """Compiled models kept on disk: compiling robosuite's meshes takes seconds, loading what was compiled a tenth of one.
 
-Kept below `PIPELINE_CACHE`, else in the user's cache directory; `PIPELINE_CACHE=` (empty) keeps nothing. An entry
-belongs to the versions of all that makes it. One that is damaged is made again.
+An entry belongs to the versions of all that makes it. One that is damaged is made again.
 """
 
 import hashlib
@@ -16,7 +15,9 @@ from typing import Any
 
 import mujoco
 
+from schemas.cache import cache_directory
 from schemas.files import write_bytes
+from schemas.integrity import file_sha256
 from stages.sim.config import WorldConfig
 
 _MAKERS = ("robosuite_scene.py", "scene.py", "meshes.py", "scene_cache.py")
@@ -40,11 +41,9 @@ def kept(name: str, config: WorldConfig, make: Callable[[], Made]) -> Made:
 
 
 def _directory(config: WorldConfig) -> Path | None:
-    chosen = os.environ.get("PIPELINE_CACHE")
-    if chosen == "":
+    root = cache_directory()
+    if root is None:
         return None
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    root = Path(chosen) if chosen else home / "dense2sparse"
     compiled = {"robot": config.robot, "max_joint_velocity": config.max_joint_velocity}  # what the model depends on
     key = hashlib.sha256(json.dumps([compiled, _makers()]).encode()).hexdigest()[:16]
     return root / f"{config.robot}-{key}"
@@ -63,9 +62,8 @@ def _load(directory: Path, name: str) -> Made | None:
     try:
         card = json.loads((directory / f"{name}.json").read_bytes())
         path = directory / f"{name}.mjb"
-        with path.open("rb") as file:
-            if hashlib.file_digest(file, "sha256").hexdigest() != card["sha256"]:
-                return None
+        if file_sha256(path) != card["sha256"]:
+            return None
         return mujoco.MjModel.from_binary_path(str(path)), card["facts"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -78,8 +76,7 @@ def _save(directory: Path, name: str, made: Made) -> None:
     temporary = directory / f".{name}.{os.getpid()}.mjb"
     try:
         mujoco.mj_saveModel(model, str(temporary), None)
-        with temporary.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        sha256 = file_sha256(temporary)
         temporary.replace(directory / f"{name}.mjb")
     finally:
         temporary.unlink(missing_ok=True)

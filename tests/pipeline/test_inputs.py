@@ -59,7 +59,7 @@ def test_unfinished_inputs(store: Store, dataset: Path, edit: Callable[..., None
 
 def test_damage_by_size_and_by_content(store: Store, dataset: Path) -> None:
     (dataset / "frames.parquet").write_bytes(b"PARQUET")  # as long as before
-    with pytest.raises(ArtifactError, match=r"damaged: the content of .*frames.parquet"):
+    with pytest.raises(ArtifactError, match=r"damaged: frames.parquet is not what was written"):
         load_complete(store.root, "datasets/small")
     (dataset / "frames.parquet").write_bytes(b"parq")
     with pytest.raises(ArtifactError, match="4 bytes instead of 7"):

@@ -53,7 +53,7 @@ def _link(directory: Path) -> None:
 
 @pytest.mark.parametrize(
     ("damage", "message"),
-    [(_cut, "bytes instead of"), (_flip, "is not what was written"), (_remove, "cannot be read"), (_link, "leads out")],
+    [(_cut, "bytes instead of"), (_flip, "is not what was written"), (_remove, "is missing"), (_link, "leads out")],
 )
 def test_damage_is_found_and_nobody_reads_it(
     run: Run, store: Store, made: Path, damage: Callable[[Path], None], message: str
