@@ -13,6 +13,8 @@ WHAT: dict[Quantity, str] = {
 }
 KEPT = 0.95
 """Share of the other's mean that counts as `keeps` or `nearly equals`."""
+LEAST = 0.01
+"""Share of the larger mean that a difference has at least: two policies that never touch the cube differ by less."""
 NEAR = 0.10
 """Share of a level of the paper, read off its curves, within which our mean counts as the same."""
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stages.analyze.claims import KEPT, NEAR, Claim
+from stages.analyze.claims import KEPT, LEAST, NEAR, Claim
 
 _SLACK = 1e-9
 """Of thresholds: three times 0.95 has a mean just below 0.95."""
@@ -10,7 +10,8 @@ _SLACK = 1e-9
 RULES = {
     "above": (
         "order (A above B): reproduced when the bootstrap interval of the difference of the means lies above 0, "
-        "different when it lies below 0 (the opposite), else not reproduced (not shown). With 3 seeds the interval "
+        "different when it lies below 0 (the opposite), else not reproduced (not shown); also not reproduced when the "
+        f"difference is below {100 * LEAST:g} % of the larger mean, whatever its interval. With 3 seeds the interval "
         "leaves out 0 only if all seeds agree, which happens by luck in 1 of 8 cases in each direction"
     ),
     "keeps": (
@@ -37,10 +38,14 @@ RULES = {
 _NOT_SHOWN = "not shown"
 
 
-def decide(claim: Claim, seeds: int, effect: float, low: float | None, high: float | None) -> tuple[str, str]:
-    """Verdict and note on `effect`, a difference, ratio or mean over `seeds` with its interval."""
+def decide(
+    claim: Claim, seeds: int, effect: float, low: float | None, high: float | None, larger: float
+) -> tuple[str, str]:
+    """Verdict and note on `effect`: a difference, ratio or mean over `seeds`, its interval, the `larger` of the means."""
     value = 0.0 if claim.value is None else claim.value
     match claim.rule:
+        case "above" if abs(effect) < LEAST * abs(larger):
+            return "not reproduced", f"differ by less than {100 * LEAST:g} %"
         case "above":
             return _by_interval(low, high, 0.0, strictly=True)
         case "keeps":

@@ -125,7 +125,8 @@ def _judge(claim: Claim, sides: Sequence[BySeed], statistics: Statistics) -> Jud
     if found is None:
         return Judged(claim, note="no seed in common")
     seeds, effect, low, high = found
-    verdict, note = decide(claim, seeds, effect, low, high)
+    larger = ours.mean if rival is None else max(ours.mean, rival.mean)
+    verdict, note = decide(claim, seeds, effect, low, high, larger)
     return Judged(
         claim, ours=ours, rival=rival, seeds=seeds, effect=effect, low=low, high=high, verdict=verdict, note=note
     )
@@ -151,7 +152,7 @@ def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _error(claim: Claim, estimator: str, error: float) -> Judged:
     """One estimator was trained, so that there is no spread over seeds."""
     summary = Summary(1, error, None, error, None, None, None, None)
-    verdict, note = decide(claim, 1, error, None, None)
+    verdict, note = decide(claim, 1, error, None, None, error)
     return Judged(claim, estimator, ours=summary, seeds=1, effect=error, verdict=verdict, note=note)
 
 

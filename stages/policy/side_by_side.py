@@ -29,14 +29,14 @@ def train_side_by_side(
     """Results of all runs, part by part as they end.
 
     Raises:
-        Exception: what a part could not do; the others are stopped, to be resumed from their checkpoints.
+        Exception: what a part could not do; the others first end their episode and write a checkpoint.
     """
     use_huge_pages()
     children: list[_Child] = []
     try:
         for index, part in enumerate(parts):
             children.append(_Child(index, part, estimator, share))
-        begun = [child.receive()[1] for child in children]  # (episodes in all, episodes done)
+        begun = [child.begin() for child in children]
         total, done = (sum(counts) for counts in zip(*begun, strict=True))
         label = f"{parts[0][0].task}, {sum(len(part) for part in parts)} runs"
         with progress.task(label, total, done) as task:
@@ -50,27 +50,27 @@ def train_side_by_side(
 
 
 def _results(children: list["_Child"], task: Task, progress: Progress) -> Iterator[RunResult]:
-    """Raises KeyboardInterrupt when all parts have ended and one of them because it was to stop."""
-    busy, stopped = {child.pipe: child for child in children}, False
+    """When all parts have ended it raises the first error, or KeyboardInterrupt where one of them was to stop."""
+    busy, ended = {child.pipe: child for child in children}, list[BaseException]()
     while busy:
-        if progress.stopping():
+        if ended or progress.stopping():
             for child in busy.values():
                 child.stop()
         for pipe in wait(list(busy), timeout=_STOPS_WITHIN):
             child = busy[pipe]  # type: ignore[index]  # `wait` gives back what it was given
             kind, content = child.receive()
-            if kind == "results":
-                del busy[child.pipe]
-                yield from content
-            elif kind == "stopped":
-                del busy[child.pipe]
-                stopped = True
-            else:
+            if kind == "advance":
                 child.note_episodes(content)
                 task.advance(content)
                 task.note(f"{sum(child.rate for child in busy.values()):.0f} env steps/s")
-    if stopped:
-        raise KeyboardInterrupt
+                continue
+            del busy[child.pipe]
+            if kind == "results":
+                yield from content
+            else:
+                ended.append(content)
+    if ended:
+        raise next((each for each in ended if isinstance(each, Exception)), KeyboardInterrupt())
 
 
 class _Child:
@@ -89,15 +89,19 @@ class _Child:
             self._process.start()
         theirs.close()
 
-    def receive(self) -> tuple[str, Any]:
-        """The next message; an error that is one is raised."""
-        try:
-            kind, content = self.pipe.recv()
-        except (EOFError, OSError) as error:
-            raise self._died() from error
-        if kind == "error":
+    def begin(self) -> tuple[int, int]:
+        """Episodes in all, and those done; raises what kept the part from beginning."""
+        kind, content = self.receive()
+        if kind == "ended":
             raise content
-        return kind, content
+        return content
+
+    def receive(self) -> tuple[str, Any]:
+        """The next message: `advance` and episodes, or the last: `results`, or `ended` and what ended it."""
+        try:
+            return self.pipe.recv()
+        except (EOFError, OSError):
+            return "ended", self._died()
 
     def stop(self) -> None:
         """Have the part end at its next whole episode."""
@@ -129,10 +133,10 @@ def _serve(
     stay_on_own_cores(index, share.processes)
     try:
         pipe.send(("results", train_group(part, estimator, share, _Reported(pipe, stop))))
-    except KeyboardInterrupt:
-        pipe.send(("stopped", None))
+    except KeyboardInterrupt as stopped:
+        pipe.send(("ended", stopped))
     except Exception as error:
-        pipe.send(("error", portable(error)))
+        pipe.send(("ended", portable(error)))
 
 
 class _Reported:

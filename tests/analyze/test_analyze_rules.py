@@ -16,6 +16,9 @@ from tests.analyze.fake_groups import ABOVE, KEEPS, LEVEL, SHARE, SPREAD, STATIS
         ((100.0, 111.0, 95.0), (110.0, 121.0, 105.0), "different"),
         ((110.0, 90.0, 105.0), (100.0, 100.0, 100.0), "not reproduced"),
         ((110.0,), (100.0,), "not reproduced"),  # one seed has no interval
+        ((101.2, 102.2, 103.2), (100.0, 101.0, 102.0), "reproduced"),  # +1.2 for every seed
+        ((100.8, 101.8, 102.8), (100.0, 101.0, 102.0), "not reproduced"),  # +0.8: less than 1 % of 101.8
+        ((4.9004, 4.9005), (4.9, 4.9), "not reproduced"),  # two policies that never touch the cube
     ],
 )
 def test_an_order_is_judged_by_the_interval_of_paired_differences(

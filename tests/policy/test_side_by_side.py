@@ -89,16 +89,17 @@ def test_asked_to_stop_every_process_keeps_its_episodes(tmp_path: Path) -> None:
     assert multiprocessing.active_children() == []
 
 
-def test_a_killed_process_is_reported_and_its_neighbours_are_stopped(tmp_path: Path) -> None:
+def test_a_killed_process_is_reported_and_its_neighbours_keep_their_episodes(tmp_path: Path) -> None:
     class Killing(Silent):
         def task(self, label: str, total: int, done: int = 0):
-            multiprocessing.active_children()[0].kill()
+            next(each for each in multiprocessing.active_children() if each.name == "train-t/seed1").kill()
             return super().task(label, total, done)
 
     config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
     specs = [replace(spec, config=config) for spec in _specs(tmp_path)]
     with pytest.raises(MachineError, match=r"training process died \(exit code -9\).*--resume"):
         train.run(specs, None, resources=Resources(processes=3), finished=print, progress=Killing())
+    assert [len(checkpoint.available(spec.out)) for spec in specs] == [1, 0, 1]
     assert multiprocessing.active_children() == []
 
 

@@ -22,6 +22,16 @@ class _StopError(Exception):
     pass
 
 
+_SAVE = checkpoint.save
+
+
+def _killed_at_the_second_of_4(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+    """Saves, but for the second run's checkpoint after 4 episodes."""
+    if position.episodes == 4 and row == 1:
+        raise _StopError
+    _SAVE(out, position, td3, row, counts)
+
+
 class Stopping(Silent):
     """Asks to stop when it has been asked `after` times."""
 
@@ -89,18 +99,11 @@ class TestResume:
         """Killed while the second run's checkpoint at 4 was to be written: both go on from 2, and end the same."""
         whole, broken = (run_specs(tmp_path / name, ("dense", "sparse")) for name in ("whole", "broken"))
         trained(whole)
-        original = checkpoint.save
-
-        def killed(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
-            if position.episodes == 4 and row == 1:
-                raise _StopError
-            original(out, position, td3, row, counts)
-
-        monkeypatch.setattr(checkpoint, "save", killed)
+        monkeypatch.setattr(checkpoint, "save", _killed_at_the_second_of_4)
         with pytest.raises(_StopError):
             trained(broken)
         assert [[p.episodes for p in checkpoint.available(spec.out)] for spec in broken] == [[2, 4], [2]]
-        monkeypatch.setattr(checkpoint, "save", original)
+        monkeypatch.setattr(checkpoint, "save", _SAVE)
         trained(broken)
         assert [everything(spec) for spec in whole] == [everything(spec) for spec in broken]
 
@@ -110,18 +113,11 @@ class TestResume:
         """Killed one checkpoint apart, resumed, killed at once: the first alone still goes on, to the same end."""
         whole, broken = (run_specs(tmp_path / name, ("dense", "sparse")) for name in ("whole", "broken"))
         trained(whole)
-        original = checkpoint.save
-
-        def killed(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
-            if position.episodes == 4 and row == 1:
-                raise _StopError
-            original(out, position, td3, row, counts)
-
-        monkeypatch.setattr(checkpoint, "save", killed)
+        monkeypatch.setattr(checkpoint, "save", _killed_at_the_second_of_4)
         for _ in range(2):
             with pytest.raises(_StopError):
                 trained(broken)
-        monkeypatch.setattr(checkpoint, "save", original)
+        monkeypatch.setattr(checkpoint, "save", _SAVE)
         train_episode = Lockstep.train_episode
         monkeypatch.setattr(Lockstep, "train_episode", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
