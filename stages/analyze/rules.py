@@ -41,7 +41,7 @@ _NOT_SHOWN = "not shown"
 def decide(
     claim: Claim, seeds: int, effect: float, low: float | None, high: float | None, larger: float
 ) -> tuple[str, str]:
-    """Verdict and note on `effect`: a difference, ratio or mean over `seeds`, its interval, the `larger` of the means."""
+    """Verdict and note on `effect`: difference, ratio or mean over `seeds`, its interval, the `larger` of the means."""
     value = 0.0 if claim.value is None else claim.value
     match claim.rule:
         case "above" if abs(effect) < LEAST * abs(larger):

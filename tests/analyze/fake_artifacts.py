@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.artifacts.manifests import config_sha256
 from schemas import tables
 from schemas.files import write_parquet
 from schemas.manifest import Code, Environment, FileRef, InputRef, Manifest
@@ -50,7 +51,7 @@ def write_manifest(
         "status": status,
         "created_at": "2026-01-02T03:04:05+00:00",
         "config": config,
-        "config_sha256": hashlib.sha256(repr(config).encode()).hexdigest(),
+        "config_sha256": config_sha256(config),
         "inputs": [InputRef(id=key, manifest_sha256=manifest_sha256(path)) for key, path in (inputs or {}).items()],
         "code": Code(version="0.1.0", git_commit="0123456789abcdef", dirty=False),
         "environment": MACHINE,

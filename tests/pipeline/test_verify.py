@@ -69,6 +69,15 @@ def test_damage_is_found_and_nobody_reads_it(
             load_complete(store.root, "datasets/default")
 
 
+def test_a_configuration_that_was_edited(run: Run, made: Path) -> None:
+    manifest = made / "manifest.json"
+    fields = json.loads(manifest.read_bytes())
+    assert fields["config"]["collect"]["episodes"] != 7
+    fields["config"]["collect"]["episodes"] = 7
+    manifest.write_text(json.dumps(fields))
+    assert run("verify", "datasets/default").exit_code == 3
+
+
 def test_two_episodes_that_changed_places(store: Store) -> None:
     with begin(store, Request("datasets/two", {})) as build:
         files = [build.path / name for name in ("a.mcap", "b.mcap")]

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.artifacts.manifests import config_sha256
 from schemas.files import write_parquet
 from schemas.mcap_files import read_messages
 from schemas.mcap_topics import CUBE_POSE
@@ -177,6 +178,12 @@ def _summary(episode: int, rows: list[dict[str, Any]], initial: np.ndarray, fina
 def _manifest(task: str) -> dict[str, Any]:
     identity = _identity()
     run = {name: identity[name] for name in ("scheme", "misalignment_kind", "misalignment_deg", "seed")}
+    config = {
+        "world": WorldConfig().model_dump(mode="json"),
+        "policy": {"switch_episode": 0},
+        "run": run | {"task": task},
+        "estimator": ESTIMATOR,
+    }
     return {
         "id": f"runs/{RUN_NAME}/{CELL}",
         "stage": "train-policy",
@@ -184,13 +191,8 @@ def _manifest(task: str) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "status": "complete",
         "created_at": "2026-01-01T00:00:00+00:00",
-        "config": {
-            "world": WorldConfig().model_dump(),
-            "policy": {"switch_episode": 0},
-            "run": run | {"task": task},
-            "estimator": ESTIMATOR,
-        },
-        "config_sha256": "0" * 64,
+        "config": config,
+        "config_sha256": config_sha256(config),
         "inputs": [],
         "code": {"version": "0", "git_commit": None, "dirty": None},
         "environment": {
