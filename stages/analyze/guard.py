@@ -69,7 +69,10 @@ def _explained(text: str) -> str:
 def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
     """What the statement reads from; ConfigError where it does more than read."""
     [(serialised,)] = connection.execute("SELECT json_serialize_sql(?)", [text]).fetchall()
-    tree = json.loads(serialised)
+    try:
+        tree = json.loads(serialised)
+    except RecursionError:
+        raise ConfigError("SQL: it is nested too deeply to be checked; use WITH for its parts") from None
     if tree["error"]:
         raise ConfigError(f"SQL: {tree.get('error_message', 'not a query')}; {_ALLOWED}")
     sources = set()
