@@ -1,11 +1,13 @@
 """Episodes in this process or in several; the results are the same, in whichever order they come."""
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 
 from schemas.errors import MachineError
 from stages.collect.collector import Collector
@@ -45,7 +47,9 @@ def _in_processes(
     make: CollectorFactory, plans: list[EpisodePlan], workers: int
 ) -> Generator[EpisodeResult, None, None]:
     # spawned, not forked: a forked OpenGL context or thread pool is undefined
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker, initargs=(make,))
+    context = get_context("spawn")
+    now = context.Event()
+    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(make, now))
     try:
         with interrupts_ignored(signal.SIGTERM):  # a supervisor sends it to all; this process stops the others
             futures = [pool.submit(_collect, plan) for plan in plans]  # which starts the processes
@@ -56,14 +60,28 @@ def _in_processes(
             "a collect worker died (killed, or out of memory?); finished episodes are kept: "
             "continue with --resume, with fewer collect.workers if memory is short"
         ) from error
-    finally:  # also after an error or Ctrl-C: episodes already running are finished, no others are begun
-        pool.shutdown(wait=True, cancel_futures=True)
+    except KeyboardInterrupt:  # the second, for at the first the generator is closed
+        now.set()
+        raise
+    finally:
+        try:  # also after an error or Ctrl-C: episodes already running are finished, no others are begun
+            pool.shutdown(wait=True, cancel_futures=True)
+        except KeyboardInterrupt:
+            now.set()
+            raise
 
 
-def _start_worker(make: CollectorFactory) -> None:
+def _start_worker(make: CollectorFactory, now: Event) -> None:
     global _collector
     threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_at, args=(now,), daemon=True).start()
     _collector = make()
+
+
+def _end_at(now: Event) -> None:
+    """End in the middle of an episode when it is asked for."""
+    now.wait()
+    os._exit(1)
 
 
 def _collect(plan: EpisodePlan) -> EpisodeResult:

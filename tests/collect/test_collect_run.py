@@ -228,6 +228,26 @@ def test_interrupt_while_the_workers_start(tmp_path: Path) -> None:
     assert said == ["stopping", "Error:"], "no worker says anything"
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_twice_interrupted_it_ends_in_the_middle_of_an_episode(tmp_path: Path, workers: int) -> None:
+    settings = ("collect.steps=3_000", "collect.episodes=4", f"collect.workers={workers}")
+    options = [part for each in settings for part in ("--set", each)]
+    command = [sys.executable, "-m", "pipeline", "collect", "--data", tmp_path, *options]
+    process = started(command, cwd=Path(__file__).parents[2])
+    try:
+        while process.poll() is None and not list(tmp_path.glob("datasets/*/episodes/.*")):
+            time.sleep(0.05)
+        for _ in range(2):
+            os.killpg(process.pid, signal.SIGINT)
+            time.sleep(0.5)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert list(tmp_path.glob("datasets/*/episodes/*")) == []
+
+
 def test_collecting_does_not_load_torch() -> None:
     code = "import sys, stages.collect.run, stages.collect.rerender; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
