@@ -23,7 +23,7 @@ _LIST_LEVEL = 6
 
 def write_parquet(table: pa.Table, path: Path) -> None:
     """Write `table` under a temporary name, fsync, and rename to `path`."""
-    with _published(path) as file:
+    with published(path) as file:
         pq.write_table(table, file, **parquet_settings(table.schema))
 
 
@@ -89,26 +89,31 @@ def reading(path: Path, read: Callable[[], T]) -> T:
 
 def write_bytes(data: bytes, path: Path) -> None:
     """Write `data` under a temporary name, fsync, and rename to `path`."""
-    with _published(path) as file:
+    with published(path) as file:
         file.write(data)
 
 
 @contextmanager
-def _published(path: Path) -> Iterator[BinaryIO]:
-    """A file that becomes `path` when the block ends; what was written of it goes when the block raises."""
+def published(path: Path, *, durable: bool = True) -> Iterator[BinaryIO]:
+    """A file that becomes `path` when the block ends; what was written of it goes when the block raises.
+
+    Not `durable`, it may be lost or damaged when the machine itself goes down soon after.
+    """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         with temporary.open("wb") as file:
             yield file
             file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException as error:
         if isinstance(error, OSError) and error.filename is None:
             error.filename = str(path)  # a write does not know it
         temporary.unlink(missing_ok=True)  # on a full disk half a file would take the room that the next try needs
         raise
-    fsync_directory(path.parent)
+    if durable:
+        fsync_directory(path.parent)
 
 
 def remove_halves(directory: Path) -> None:

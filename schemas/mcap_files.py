@@ -13,7 +13,7 @@ from mcap_protobuf.writer import Writer
 
 from schemas import mcap_topics
 from schemas.errors import ArtifactError
-from schemas.files import fsync_directory
+from schemas.files import fsync_directory, published
 
 _COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4}
 _TYPES: dict[str, Any] = {
@@ -36,20 +36,8 @@ def create(path: Path, compression: str, *, durable: bool = True) -> Iterator[Wr
     `compression` of the chunks is zstd or lz4. Not `durable`, the file may be lost or damaged when the machine itself
     goes down before `make_durable`: for files that can be made again, as waiting for the disk takes milliseconds each.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            with Writer(file, compression=_COMPRESSION[compression]) as writer:
-                yield writer
-            file.flush()
-            if durable:
-                os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    if durable:
-        fsync_directory(path.parent)
+    with published(path, durable=durable) as file, Writer(file, compression=_COMPRESSION[compression]) as writer:
+        yield writer
 
 
 def make_durable(directory: Path) -> None:

@@ -1,12 +1,9 @@
 """One process's means of making episodes: scene, worlds, renderer and actor, each built when first needed."""
 
-import errno
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 
-from schemas.errors import ArtifactError, MachineError
+from schemas.errors import ArtifactError
 from stages.collect.behaviours import Actor, ActorFactory, make_behaviour
 from stages.collect.config import CollectStageConfig
 from stages.collect.frames import EpisodeResult, read_episode
@@ -35,7 +32,8 @@ class Collector:
         """The episode's result, from its file when that is whole and of this configuration, else after running it.
 
         Raises:
-            MachineError: unstable simulation, no OpenGL, or no space left.
+            MachineError: unstable simulation, or no OpenGL.
+            OSError: the disk is full, or read-only.
         """
         path = self._out / plan.file
         if path.exists():
@@ -43,8 +41,7 @@ class Collector:
                 return self._read(path, plan)
             except ArtifactError:  # left damaged by an interruption: make it again
                 path.unlink()
-        with no_space_is_machine_error(path):
-            self._make(path, plan)
+        self._make(path, plan)
         return self._read(path, plan)
 
     def close(self) -> None:
@@ -89,14 +86,3 @@ class Collector:
     @cached_property
     def _actor(self) -> Actor | None:
         return self._actor_factory() if self._actor_factory else None
-
-
-@contextmanager
-def no_space_is_machine_error(path: Path) -> Iterator[None]:
-    """Turn a full disk into an error that says so."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        raise MachineError(f"no space left for {path}: free some, then continue with --resume") from error

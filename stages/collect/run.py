@@ -16,7 +16,7 @@ from schemas.mcap_files import make_durable
 from schemas.progress import Progress
 from schemas.tables import FRAMES
 from stages.collect.behaviours import ActorFactory
-from stages.collect.collector import Collector, no_space_is_machine_error
+from stages.collect.collector import Collector
 from stages.collect.config import CollectStageConfig
 from stages.collect.frames import EpisodeResult
 from stages.collect.plan import frames_per_episode, plan_episodes
@@ -32,7 +32,8 @@ def run(
     an `actor`, the policy-related episodes are its; without, the scripted controllers'.
 
     Raises:
-        MachineError: no OpenGL, no space left, an unstable simulation, a worker that died. Finished episodes are kept.
+        MachineError: no OpenGL, an unstable simulation, a worker that died. Finished episodes are kept.
+        OSError: the disk is full, or read-only. They are kept then too.
     """
     started = time.monotonic()
     (out / "episodes").mkdir(exist_ok=True)
@@ -49,8 +50,7 @@ def run(
             if progress.stopping():
                 raise KeyboardInterrupt
     results.sort(key=lambda result: result.plan.episode)
-    with no_space_is_machine_error(out / "episodes"):
-        make_durable(out / "episodes")
+    make_durable(out / "episodes")
     _write_frames(results, config, out)
     return _summary(results) | {"wall_time_s": time.monotonic() - started}
 
@@ -80,9 +80,7 @@ def _write_frames(results: list[EpisodeResult], config: CollectStageConfig, out:
     expected = config.collect.episodes * frames_per_episode(config.collect)
     if table.num_rows != expected:
         raise MachineError(f"{out} holds {table.num_rows} frames instead of {expected}: continue with --resume")
-    path = out / "frames.parquet"
-    with no_space_is_machine_error(path):
-        write_parquet(table, path)
+    write_parquet(table, out / "frames.parquet")
 
 
 def _summary(results: list[EpisodeResult]) -> dict[str, Any]:

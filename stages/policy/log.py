@@ -14,7 +14,7 @@ from stages.policy.config import RunSpec
 from stages.policy.growing import Growing
 from stages.policy.parts import Parts
 
-_TABLES = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
+LOGS = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class RunLog:
         self._pending: list[tuple[EpisodeHead, dict[str, np.ndarray]]] = []
         self._parts = Parts(spec.out, self._schema)
         self._tables = {
-            name: Growing(self._out / f"{name}.parquet", schema, self._identity) for name, schema in _TABLES.items()
+            name: Growing(self._out / f"{name}.parquet", schema, self._identity) for name, schema in LOGS.items()
         }
 
     def add_transitions(self, head: EpisodeHead, columns: dict[str, np.ndarray]) -> None:

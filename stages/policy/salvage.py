@@ -13,9 +13,8 @@ from schemas import tables
 from schemas.errors import ArtifactError
 from schemas.files import failure_path, read_parquet, transition_parts, write_parquet
 from stages.policy import checkpoint
+from stages.policy.log import LOGS
 from stages.policy.parts import Parts
-
-_LOGS = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whol
             break
         parts.append(path)
         rows += found.num_rows
-    logs = {name: _table(run, f"{name}.parquet", damaged) for name in _LOGS}
+    logs = {name: _table(run, f"{name}.parquet", damaged) for name in LOGS}
     lost += [f"{name}.parquet" for name, table in logs.items() if table is None]
     episodes = _of(logs, "episodes")
     kept = episodes.slice(0, int(np.searchsorted(np.cumsum(episodes["length"].to_numpy()), rows, side="right")))
@@ -89,7 +88,7 @@ def _table(run: Path, name: str, damaged: Collection[str]) -> pa.Table | None:
 
 def _of(logs: dict[str, pa.Table | None], name: str) -> pa.Table:
     found = logs[name]
-    return _LOGS[name].empty_table() if found is None else found
+    return LOGS[name].empty_table() if found is None else found
 
 
 def _evaluated(evaluations: pa.Table, episodes: pa.Table) -> pa.Table:

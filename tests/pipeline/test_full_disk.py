@@ -71,7 +71,7 @@ def test_parts_in_processes_of_their_own(whole_pair: Path, tmp_path: Path) -> No
 @pytest.mark.usefixtures("endless")
 def test_collecting(whole: Path, tmp_path: Path, workers: int) -> None:
     with small_disk(tmp_path / "disk", size(whole / "datasets") // 2) as disk:
-        check_ended(pipeline("collect", disk, collect__workers=workers), "no space left for", "continue with --resume")
+        check_ended(pipeline("collect", disk, collect__workers=workers), "the disk is full", "then --resume")
         dataset = disk / ARTIFACTS["collect"]
         kept = {path.name: path.stat().st_mtime_ns for path in dataset.glob("episodes/*")}
         assert 1 <= len(kept) < 12
