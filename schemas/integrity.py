@@ -6,7 +6,9 @@ from pathlib import Path
 
 from schemas.errors import ArtifactError
 from schemas.files import leads_out
-from schemas.manifest import FileRef
+from schemas.manifest import MANIFEST, FileRef, Manifest, config_sha256
+
+EDITED = f"the configuration in its {MANIFEST} is not the one it was made with"
 
 
 def file_sha256(path: Path) -> str:
@@ -15,12 +17,19 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def check_config(manifest: Manifest) -> None:
+    """ArtifactError where the configuration in a manifest is not the one that the artifact was made with."""
+    if config_sha256(manifest.config) != manifest.config_sha256:
+        raise ArtifactError(f"{manifest.id} is damaged: {EDITED}; restore its manifest, or make it again")
+
+
 def check_file(
     directory: Path, artifact_id: str, file: FileRef, sha256: Callable[[Path], str] | None = file_sha256
 ) -> None:
     """ArtifactError where `problem` has something to say."""
     if found := problem(directory, file, sha256):
-        raise ArtifactError(f"{artifact_id} is damaged: {found}; try `pipeline repair {artifact_id}`, or make it again")
+        way_out = "" if artifact_id.startswith("reports/") else f"try `pipeline repair {artifact_id}`, or "
+        raise ArtifactError(f"{artifact_id} is damaged: {found}; {way_out}make it again")
 
 
 def problem(directory: Path, file: FileRef, sha256: Callable[[Path], str] | None = file_sha256) -> str | None:

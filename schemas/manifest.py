@@ -1,15 +1,23 @@
 """The manifest every artifact carries (SPEC §2)."""
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
+from schemas.config import flatten
 from schemas.errors import ArtifactError
 from schemas.tables import SCHEMA_VERSION
 
 MANIFEST = "manifest.json"
+
+PLACEMENT = ("collect.workers",)
+"""Configuration that says where the work is done and cannot change its result: not part of an artifact's identity."""
+STUDIES = "studies"
+"""A report's configuration says which of its inputs are whose study's: not its identity, for it follows its inputs."""
 
 Stage = Literal["collect", "train-perception", "train-policy", "relabel", "analyze"]
 Status = Literal["running", "complete", "failed"]
@@ -23,11 +31,18 @@ class InputRef(BaseModel):
     manifest_sha256: str
 
 
+def _below(path: str) -> str:
+    parts = path.split("/")
+    if path == MANIFEST or not {"", ".", ".."}.isdisjoint(parts):
+        raise ValueError("a file of an artifact lies below its directory, and is not its manifest")
+    return path
+
+
 class FileRef(BaseModel):
     """A file of the artifact; `path` is relative to the artifact's directory."""
 
     model_config = ConfigDict(extra="forbid")
-    path: str
+    path: Annotated[str, AfterValidator(_below)]
     bytes: Annotated[int, Field(ge=0, lt=2**63)]
     sha256: str
 
@@ -87,6 +102,12 @@ class Manifest(BaseModel):
     environment: Environment
     files: list[FileRef] = []
     summary: dict[str, Any] = {}
+
+
+def config_sha256(config: dict[str, Any]) -> str:
+    """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
+    identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
+    return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def read_manifest(directory: Path) -> Manifest:

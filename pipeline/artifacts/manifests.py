@@ -1,7 +1,5 @@
 """Reading, writing and comparing manifests."""
 
-import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,12 +10,7 @@ from schemas.config import flatten
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
 from schemas.integrity import file_sha256
-from schemas.manifest import MANIFEST, FileRef, Manifest
-
-PLACEMENT = ("collect.workers",)
-"""Configuration that says where the work is done and cannot change its result: not part of an artifact's identity."""
-STUDIES = "studies"
-"""A report's configuration says which of its inputs are whose study's: not its identity, for it follows its inputs."""
+from schemas.manifest import MANIFEST, PLACEMENT, STUDIES, FileRef, Manifest
 
 
 def read_manifest(directory: Path, artifact_id: str) -> Manifest:
@@ -51,12 +44,6 @@ def list_files(directory: Path) -> list[FileRef]:
         for path in sorted(directory.rglob("*"))
         if path.is_file() and path != directory / MANIFEST and not path.name.startswith(".")
     ]
-
-
-def config_sha256(config: dict[str, Any]) -> str:
-    """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
-    identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
-    return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def differences(old: dict[str, Any], new: dict[str, Any], defaults: Mapping[str, Any] = {}) -> list[str]:

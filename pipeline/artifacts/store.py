@@ -11,8 +11,6 @@ from pipeline.artifacts.environment import code, environment
 from pipeline.artifacts.lock import ArtifactLock
 from pipeline.artifacts.manifests import (
     MANIFEST,
-    STUDIES,
-    config_sha256,
     differences,
     list_files,
     read_manifest,
@@ -22,7 +20,7 @@ from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
 from schemas.files import fsync_directory, leads_out, remove_halves, write_bytes
 from schemas.integrity import check_file
-from schemas.manifest import InputRef, Manifest, parse_manifest
+from schemas.manifest import STUDIES, InputRef, Manifest, config_sha256, parse_manifest
 
 BEFORE_REPAIR = ".manifest.before-repair.json"
 """Beside the manifest of a damaged artifact that is to be made whole again: the one it had."""

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.manifests import MANIFEST, config_sha256, manifest_sha256
+from pipeline.artifacts.manifests import MANIFEST, manifest_sha256
 from pipeline.artifacts.names import artifact_path
 from schemas.errors import PipelineError
-from schemas.integrity import problem
-from schemas.manifest import Manifest
+from schemas.integrity import EDITED, problem
+from schemas.manifest import Manifest, config_sha256
 from schemas.progress import Progress
 
 _UNIT = 1_000_000  # bytes
@@ -46,7 +46,8 @@ def verify(root: Path, ids: Sequence[str], progress: Progress) -> Iterator[Verdi
             if isinstance(manifest, str):
                 yield Verdict(each, "unreadable", 0, 0, (manifest,), ())
                 continue
-            directory, problems = artifact_path(root, each), _of_config(manifest)
+            is_edited = config_sha256(manifest.config) != manifest.config_sha256
+            directory, problems = artifact_path(root, each), [EDITED] if is_edited else []
             results = threads.map(partial(problem, directory), manifest.files)
             for file, found_wrong in zip(manifest.files, results, strict=True):
                 problems += [found_wrong] if found_wrong else []
@@ -65,11 +66,6 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
         return load(root, artifact_id)
     except PipelineError as error:
         return str(error)
-
-
-def _of_config(manifest: Manifest) -> list[str]:
-    is_same = config_sha256(manifest.config) == manifest.config_sha256
-    return [] if is_same else [f"the configuration in {MANIFEST} is not the one it was made with"]
 
 
 def _unlisted(directory: Path, manifest: Manifest) -> list[str]:

@@ -1,5 +1,6 @@
 """A damaged artifact becomes an unfinished one: what is whole stays, `--resume` makes the rest."""
 
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from pipeline.artifacts.names import split_id
 from pipeline.artifacts.store import BEFORE_REPAIR, Store, check_links
 from schemas.errors import ConfigError
 from schemas.files import leads_out, write_bytes
-from schemas.integrity import problem
+from schemas.integrity import check_config, problem
 from schemas.manifest import Manifest
 
 _ADDITIONS = ("recordings/", "failure/")
@@ -48,7 +49,7 @@ def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
 
     Raises:
         ConfigError: it is a report, or another process writes it.
-        ArtifactError: its manifest cannot be read.
+        ArtifactError: its manifest cannot be read, or its configuration was edited.
     """
     kind, names = split_id(artifact_id)
     if kind == "reports":
@@ -57,6 +58,7 @@ def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
     lock.acquire()
     try:
         manifest = load(store.root, artifact_id)
+        check_config(manifest)
         path = store.path(artifact_id)
         if manifest.status == "running":
             check_links(path)
@@ -101,11 +103,15 @@ def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: 
 
 
 def _drop(store: Store, manifest: Manifest, damaged: Iterable[str]) -> None:
-    """Remove files, or links in their place; what a name leads to outside of the artifact is not ours."""
+    """Remove files, or what is in their place; what a name leads to outside of the artifact is not ours."""
     directory = store.path(manifest.id)
     for name in damaged:
         path = directory / name
-        if not leads_out(path.parent, directory):
+        if leads_out(path.parent, directory):
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
             path.unlink(missing_ok=True)
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from schemas.errors import ArtifactError, listed
 from schemas.files import leads_out
-from schemas.integrity import check_file, file_sha256, problem
+from schemas.integrity import check_config, check_file, file_sha256, problem
 from schemas.manifest import MANIFEST, FileRef, Manifest, parse_manifest
 from stages.analyze.remembered import RememberedHashes
 
@@ -119,6 +119,8 @@ def check_files(artifact: Artifact) -> None:
     Raises:
         ArtifactError: a file is missing, elsewhere, or not what was written.
     """
+    if artifact.manifest.status == "complete":
+        check_config(artifact.manifest)
     for file in _parquet(artifact):
         check_file(artifact.path, artifact.id, file, None if file.path.startswith(TRANSITIONS) else file_sha256)
 
@@ -126,13 +128,15 @@ def check_files(artifact: Artifact) -> None:
 def check_transitions(found: Sequence[Artifact]) -> None:
     """Compare the content of complete artifacts' transitions with their manifests, unless it was done before.
 
+    What is remembered can but say that a file is whole: one that it says is not is read again.
+
     Raises:
         ArtifactError: a file is not what was written.
     """
     parts = [(each, file) for each in found for file in _parquet(each) if file.path.startswith(TRANSITIONS)]
     hashes = RememberedHashes()
     with ThreadPoolExecutor(_THREADS) as threads:
-        checks = [threads.submit(check_file, each.path, each.id, file, hashes.sha256) for each, file in parts]
+        checks = [threads.submit(_check_transitions, each, file, hashes) for each, file in parts]
         try:
             for check in checks:
                 check.result()
@@ -141,12 +145,17 @@ def check_transitions(found: Sequence[Artifact]) -> None:
             hashes.keep()
 
 
+def _check_transitions(artifact: Artifact, file: FileRef, hashes: RememberedHashes) -> None:
+    if problem(artifact.path, file, hashes.sha256):
+        check_file(artifact.path, artifact.id, file)
+
+
 def first_damaged(artifact: Artifact) -> str | None:
     """Of a complete artifact's Parquet files, transitions too, the first that is not what was written."""
     return next((file.path for file in _parquet(artifact) if problem(artifact.path, file)), None)
 
 
 def _parquet(artifact: Artifact) -> list[FileRef]:
-    """Those a complete artifact lists."""
+    """Those a complete artifact lists; of others nothing is known."""
     is_complete = artifact.manifest.status == "complete"
     return [file for file in artifact.manifest.files if is_complete and file.path.endswith(".parquet")]

@@ -20,6 +20,8 @@ from stages.analyze.writers import TEXT_WRITERS, write_parquet_stream
 BATCH_ROWS = 10_000
 _LOGS: tuple[Kind, ...] = ("runs", "relabels")
 """Kinds of artifacts with transitions."""
+_FILE = re.compile(r"\W")
+"""In what stands for a table: it is no view's name but a file's, or that of many."""
 _USERS = tuple(f"SQL: {kind} Error" for kind in ("Parser", "Binder", "Catalog", "Permission", "Conversion"))
 """Errors that are of the query, whatever the logs hold."""
 FORMATS = (*TEXT_WRITERS, "parquet")
@@ -80,7 +82,7 @@ def run_sql(data_root: Path, sql: str, format: str, output: Path | None, stream:
     target = stream if output is None else output
     with connect(data_root) as connection, ThreadPoolExecutor(1) as thread:
         statement = guard.check(connection, sql)
-        if statement.sources & _of_transitions():
+        if any(source in _of_transitions() or _FILE.search(source) for source in statement.sources):
             check_transitions([artifact for kind in _LOGS for artifact in artifacts(data_root, kind)])
         rows = thread.submit(lambda: write(_answer(connection, statement), format, target))
         try:
@@ -107,7 +109,7 @@ def _blame_damage(data_root: Path, error: ConfigError) -> None:
 
 @cache
 def _of_transitions() -> frozenset[str]:
-    """What a statement names that reads transitions: the views, the macros that ask them, and whatever opens files."""
+    """What a statement names that reads transitions: the views, the macros that ask them, and what opens files."""
     views = ("transitions", "relabelled_transitions")
     asking = {macro.name for macro in macros.macros() if any(view in macro.body for view in views)}
     return frozenset({*views, *asking, "read_parquet", "parquet_scan"})

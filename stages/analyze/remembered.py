@@ -1,15 +1,18 @@
 """Hashes of files, computed once and remembered for as long as a file is the same one, unchanged."""
 
 import json
-import os
+import time
 from contextlib import suppress
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from schemas.cache import cache_directory
 from schemas.files import write_bytes
 from schemas.integrity import file_sha256
 
 _FILE = "sha256.json"
+_SETTLED = 2_000_000_000  # [ns] since the last change: one more in the same tick of the clock would not be seen
 _MOST = 100_000  # entries, some 15 MB; the oldest go first
 
 
@@ -31,8 +34,10 @@ class RememberedHashes:
         key = _identity(path)
         found = self._known.get(key)
         if found is None:
+            begun = time.time_ns()
             found = file_sha256(path)
-            if _identity(path) == key:  # nobody wrote to it meanwhile
+            settled = begun - path.stat().st_ctime_ns > _SETTLED
+            if settled and _identity(path) == key:  # nobody wrote to it meanwhile
                 self._new[key] = found
         return found
 
@@ -42,11 +47,10 @@ class RememberedHashes:
             return
         merged = _read(self._path) | self._new
         latest = dict(list(merged.items())[-_MOST:])
-        with suppress(OSError):  # a home that cannot be written to costs time, nothing else
+        with suppress(OSError, Timeout):  # a home that cannot be written to costs time, nothing else
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            mine = self._path.with_name(f"{os.getpid()}-{_FILE}")  # others may be writing theirs
-            write_bytes(json.dumps(latest).encode(), mine)
-            mine.replace(self._path)
+            with FileLock(self._path.with_suffix(".lock"), timeout=0):  # who writes at the same time forgets
+                write_bytes(json.dumps(latest).encode(), self._path)
 
 
 def _identity(path: Path) -> str:

@@ -44,7 +44,7 @@ def decide(
     """Verdict and note on `effect`: difference, ratio or mean over `seeds`, its interval, the `larger` of the means."""
     value = 0.0 if claim.value is None else claim.value
     match claim.rule:
-        case "above" if abs(effect) < LEAST * abs(larger):
+        case "above" if abs(effect) < LEAST * larger:
             return "not reproduced", f"differ by less than {100 * LEAST:g} %"
         case "above":
             return _by_interval(low, high, 0.0, strictly=True)

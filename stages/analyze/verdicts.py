@@ -125,7 +125,7 @@ def _judge(claim: Claim, sides: Sequence[BySeed], statistics: Statistics) -> Jud
     if found is None:
         return Judged(claim, note="no seed in common")
     seeds, effect, low, high = found
-    larger = ours.mean if rival is None else max(ours.mean, rival.mean)
+    larger = max(abs(ours.mean), 0.0 if rival is None else abs(rival.mean))
     verdict, note = decide(claim, seeds, effect, low, high, larger)
     return Judged(
         claim, ours=ours, rival=rival, seeds=seeds, effect=effect, low=low, high=high, verdict=verdict, note=note

@@ -20,7 +20,7 @@ from stages.collect.collector import Collector
 from stages.collect.config import CollectStageConfig
 from stages.collect.frames import EpisodeResult
 from stages.collect.plan import frames_per_episode, plan_episodes
-from stages.collect.workers import collect_episodes
+from stages.collect.workers import WorkerDiedError, collect_episodes
 
 
 def run(
@@ -69,7 +69,7 @@ def _ended_by_request(progress: Progress) -> Iterator[None]:
     """A supervisor's SIGTERM goes to the workers too: that they died is no failure then."""
     try:
         yield
-    except MachineError as error:
+    except WorkerDiedError as error:
         if progress.stopping():
             raise KeyboardInterrupt from error
         raise

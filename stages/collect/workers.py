@@ -7,18 +7,22 @@ from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from multiprocessing.synchronize import Event
+from multiprocessing.connection import Connection, wait
 
 from schemas.errors import MachineError
 from stages.collect.collector import Collector
 from stages.collect.frames import EpisodeResult
 from stages.collect.plan import EpisodePlan
-from stages.sim.processes import end_with_parent, interrupts_ignored
+from stages.sim.processes import interrupts_ignored
 
 CollectorFactory = Callable[[], Collector]
 """Makes each process's collector; picklable."""
 
 _collector: Collector | None = None  # of this worker process
+
+
+class WorkerDiedError(MachineError):
+    """A worker process has ended of itself, or was killed."""
 
 
 def collect_episodes(
@@ -27,7 +31,8 @@ def collect_episodes(
     """Results as they are finished; close the generator to stop.
 
     Raises:
-        MachineError: a worker died, or an episode could not be made. Finished episodes stay on disk.
+        WorkerDiedError: what it had not finished is lost.
+        MachineError: an episode could not be made. Finished episodes stay on disk.
     """
     if workers == 1:
         yield from _in_this_process(make, plans)
@@ -48,39 +53,38 @@ def _in_processes(
 ) -> Generator[EpisodeResult, None, None]:
     # spawned, not forked: a forked OpenGL context or thread pool is undefined
     context = get_context("spawn")
-    now = context.Event()
-    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(make, now))
+    ours, theirs = context.Pipe()
+    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(make, theirs))
     try:
         with interrupts_ignored(signal.SIGTERM):  # a supervisor sends it to all; this process stops the others
             futures = [pool.submit(_collect, plan) for plan in plans]  # which starts the processes
         for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
-        raise MachineError(
+        raise WorkerDiedError(
             "a collect worker died (killed, or out of memory?); finished episodes are kept: "
             "continue with --resume, with fewer collect.workers if memory is short"
         ) from error
     except KeyboardInterrupt:  # the second, for at the first the generator is closed
-        now.set()
+        ours.close()
         raise
     finally:
         try:  # also after an error or Ctrl-C: episodes already running are finished, no others are begun
             pool.shutdown(wait=True, cancel_futures=True)
-        except KeyboardInterrupt:
-            now.set()
-            raise
+        finally:
+            ours.close()
+            theirs.close()
 
 
-def _start_worker(make: CollectorFactory, now: Event) -> None:
+def _start_worker(make: CollectorFactory, other_end: Connection) -> None:
     global _collector
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    threading.Thread(target=_end_at, args=(now,), daemon=True).start()
+    threading.Thread(target=_end_when_closed, args=(other_end,), daemon=True).start()
     _collector = make()
 
 
-def _end_at(now: Event) -> None:
-    """End in the middle of an episode when it is asked for."""
-    now.wait()
+def _end_when_closed(pipe: Connection) -> None:
+    """End, be it in the middle of an episode, when the parent has closed its end, or is gone."""
+    wait([pipe])
     os._exit(1)
 
 

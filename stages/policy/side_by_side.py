@@ -36,11 +36,14 @@ def train_side_by_side(
     try:
         for index, part in enumerate(parts):
             children.append(_Child(index, part, estimator, share))
-        begun = [child.begin() for child in children]
-        total, done = (sum(counts) for counts in zip(*begun, strict=True))
+        begun = [child.receive() for child in children]
+        ended = [content for kind, content in begun if kind == "ended"]
+        counts = [content for kind, content in begun if kind == "begin"]
+        busy = [child for child, (kind, _) in zip(children, begun, strict=True) if kind == "begin"]
+        total, done = (sum(each[index] for each in counts) for index in (0, 1))
         label = f"{parts[0][0].task}, {sum(len(part) for part in parts)} runs"
         with progress.task(label, total, done) as task:
-            yield from _results(children, task, progress)
+            yield from _results(busy, ended, task, progress)
     finally:
         with interrupts_ignored():
             for child in children:
@@ -49,9 +52,14 @@ def train_side_by_side(
             remove_halves(spec.out)  # of the parts that were ended in the middle of it
 
 
-def _results(children: list["_Child"], task: Task, progress: Progress) -> Iterator[RunResult]:
-    """When all parts have ended it raises the first error, or KeyboardInterrupt where one of them was to stop."""
-    busy, ended = {child.pipe: child for child in children}, list[BaseException]()
+def _results(
+    children: list["_Child"], ended: list[BaseException], task: Task, progress: Progress
+) -> Iterator[RunResult]:
+    """When all parts have ended it raises the first error, or KeyboardInterrupt where one of them was to stop.
+
+    `ended` is by what some ended before they began.
+    """
+    busy = {child.pipe: child for child in children}
     while busy:
         if ended or progress.stopping():
             for child in busy.values():
@@ -89,15 +97,9 @@ class _Child:
             self._process.start()
         theirs.close()
 
-    def begin(self) -> tuple[int, int]:
-        """Episodes in all, and those done; raises what kept the part from beginning."""
-        kind, content = self.receive()
-        if kind == "ended":
-            raise content
-        return content
-
     def receive(self) -> tuple[str, Any]:
-        """The next message: `advance` and episodes, or the last: `results`, or `ended` and what ended it."""
+        """The next message: `begin` and episodes in all and done; `advance` and how many; or the last: `results`, or
+        `ended` and what ended it."""
         try:
             return self.pipe.recv()
         except (EOFError, OSError):

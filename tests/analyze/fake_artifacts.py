@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.artifacts.manifests import config_sha256
 from schemas import tables
 from schemas.files import write_parquet
-from schemas.manifest import Code, Environment, FileRef, InputRef, Manifest
+from schemas.manifest import Code, Environment, FileRef, InputRef, Manifest, config_sha256
 
 MACHINE = Environment(
     python="3.11.9",

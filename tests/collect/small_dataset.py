@@ -10,7 +10,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from schemas import mcap_topics
-from schemas.manifest import Code, Environment, Manifest
+from schemas.manifest import Code, Environment, Manifest, config_sha256
 from schemas.mcap_files import read_messages
 from stages.collect.config import CollectConfig, CollectStageConfig
 from stages.sim.camera import CameraPose
@@ -40,7 +40,7 @@ def write_manifest(out: Path, config: CollectStageConfig, summary: dict[str, Any
         status="complete",
         created_at="2025-01-01T00:00:00Z",
         config=config.model_dump(mode="json"),
-        config_sha256="0" * 64,
+        config_sha256=config_sha256(config.model_dump(mode="json")),
         inputs=[],
         code=Code(version="0", git_commit=None, dirty=None),
         environment=Environment(python="", platform="", cpu="", gpu=None, gl_renderer=None, packages={}),

@@ -7,8 +7,9 @@ import torch
 from safetensors.torch import save_file
 
 from pipeline.artifacts.inputs import input_ref
-from pipeline.artifacts.manifests import config_sha256, list_files
+from pipeline.artifacts.manifests import list_files
 from pipeline.artifacts.store import Request, Store
+from schemas.manifest import config_sha256
 from stages.collect.config import CollectStageConfig
 from stages.perception.estimator import EstimatorCard
 from stages.perception.normalisation import Normalisation

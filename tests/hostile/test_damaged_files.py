@@ -77,6 +77,8 @@ OF_TRANSITIONS = tuple(
         "WITH late AS (FROM main.transitions WHERE step > 100) SELECT run, avg(reward_used) FROM late GROUP BY run",
         "FROM reward_error_by_distance()",
         f"SELECT sum(distance_true) FROM read_parquet('data/{LEARNT}/transitions/*.parquet')",
+        f"SELECT sum(distance_true) FROM 'data/{LEARNT}/transitions/part-00000.parquet'",
+        f'SUMMARIZE "data/{LEARNT}/transitions/*.parquet"',
     )
 )
 COMPARED = ("compare", "study", "--json")

@@ -10,11 +10,11 @@ import pytest
 from pipeline.artifacts import space
 from pipeline.artifacts.inputs import load_complete
 from pipeline.artifacts.lock import is_held
-from pipeline.artifacts.manifests import config_sha256, differences, file_sha256, read_manifest
+from pipeline.artifacts.manifests import differences, file_sha256, read_manifest
 from pipeline.artifacts.names import check_name, existing_ids
 from pipeline.artifacts.store import Request, Store
 from schemas.errors import ArtifactError, ConfigError, MachineError
-from schemas.manifest import InputRef, Manifest
+from schemas.manifest import InputRef, Manifest, config_sha256
 from tests.pipeline.fakes import begin
 
 ASKED = Request("datasets/small", {"collect": {"episodes": 1}})

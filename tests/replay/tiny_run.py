@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.artifacts.manifests import config_sha256
 from schemas.files import write_parquet
+from schemas.manifest import config_sha256
 from schemas.mcap_files import read_messages
 from schemas.mcap_topics import CUBE_POSE
 from schemas.tables import EPISODES, FRAMES, SCHEMA_VERSION, transitions
@@ -78,8 +78,10 @@ def tamper(run_dir: Path, column: str, step: int, change: Callable[[Any], Any], 
 
 
 def edit_manifest(directory: Path, **fields: Any) -> None:
-    """Replace top-level fields of a manifest."""
+    """Replace top-level fields of a manifest; the configuration with its hash."""
     path = directory / "manifest.json"
+    if "config" in fields:
+        fields = {"config_sha256": config_sha256(fields["config"])} | fields
     path.write_text(json.dumps(json.loads(path.read_text()) | fields))
 
 
