@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from benchmarks.crash_checks import different, progress, unreadable
 from benchmarks.outcome import Outcome, Target
 
 SEED, KILLS, QUICK_KILLS = 20261122, 70, 2  # kills of each stage
+_LATEST = 1.5  # of the time that a stage takes alone: beside another one it takes longer
 _PATIENCE = 10.0  # [s] for the workers of a killed process to end
 _TINY = {
     **{"world.horizon": 15, "collect.episodes": 24, "collect.steps": 12, "collect.workers": 2},
@@ -38,6 +40,7 @@ class _Stage:
     command: str
     more: tuple[str, ...]
     cells: tuple[str, ...]  # directories of its artifact NAME
+    seconds: float = 0.0  # that it takes alone
     kills: int = 0
     resumed: int = 0  # artifacts that ended after being killed
     broken: list[str] = field(default_factory=list)
@@ -57,20 +60,26 @@ class _Stage:
 
 
 def run(quick: bool) -> Outcome:
-    """Kill each stage so many times, at moments drawn from `SEED`."""
-    rng, kills = random.Random(SEED), QUICK_KILLS if quick else KILLS
+    """Kill each stage so many times, at moments drawn from `SEED`; two stages at a time, as a start has one thread."""
+    kills = QUICK_KILLS if quick else KILLS
     stages = [
         _Stage("collect", (), ("datasets/{name}",)),
         _Stage("train-perception", ("--dataset", "whole"), ("estimators/{name}",)),
         _Stage("train-policy", ("--estimator", "whole"), _CELLS),
     ]
-    with tempfile.TemporaryDirectory() as directory:
+    with tempfile.TemporaryDirectory() as directory, ThreadPoolExecutor(2) as threads:
+        root = Path(directory)
         for stage in stages:
-            root = Path(directory)
-            seconds = _whole(stage, root)
-            while stage.kills < kills:
-                _kill_until_done(stage, root, f"killed-{stage.resumed}", seconds, kills, rng)
+            stage.seconds = _whole(stage, root)
+        for killed in [threads.submit(_kill_often, stage, root, kills) for stage in stages]:
+            killed.result()
     return _outcome(stages, kills)
+
+
+def _kill_often(stage: _Stage, root: Path, kills: int) -> None:
+    rng = random.Random(f"{SEED} {stage.command}")
+    while stage.kills < kills:
+        _kill_until_done(stage, root, f"killed-{stage.resumed}", kills, rng)
 
 
 def _whole(stage: _Stage, root: Path) -> float:
@@ -83,13 +92,13 @@ def _whole(stage: _Stage, root: Path) -> float:
     return time.monotonic() - started
 
 
-def _kill_until_done(stage: _Stage, root: Path, name: str, seconds: float, kills: int, rng: random.Random) -> None:
+def _kill_until_done(stage: _Stage, root: Path, name: str, kills: int, rng: random.Random) -> None:
     """Kill and resume one artifact until it ends, by itself at the latest when there were kills enough."""
     directories = stage.directories(root, name)
     reached = dict.fromkeys(directories, 0)
     while True:
         process = stage.start(root, name, resume=any(path.exists() for path in directories))
-        killed = stage.kills < kills and _kill(stage, process, rng.uniform(0.2, 1.1) * seconds)
+        killed = stage.kills < kills and _kill(stage, process, rng.uniform(0.2, _LATEST) * stage.seconds)
         if not killed:
             break
         stage.broken += [f"{name}: {problem}" for path in directories if path.exists() for problem in unreadable(path)]
