@@ -75,6 +75,26 @@ class TestDataset:
         assert "1 of 2 files kept; dropped: frames.parquet" in run("repair", "datasets/default", "--dry-run").stdout
         assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
 
+    def test_a_directory_in_place_of_a_file(self, run: Run, made: Path) -> None:
+        (made / "frames.parquet").unlink()
+        (made / "frames.parquet" / "deep").mkdir(parents=True)
+        assert answer(run("repair", "datasets/default", "--json"))["kept"] == "1 of 2 files"
+        assert answer(run("collect", *TINY, "--resume", "--json"))["did"] == "resumed"
+
+    @pytest.mark.parametrize("name", ["manifest.json", ".", "..", "episodes/..", "./manifest.json", "/etc/hostname"])
+    def test_a_manifest_that_names_what_is_no_file_of_it(self, run: Run, made: Path, name: str) -> None:
+        files = json.loads((made / "manifest.json").read_bytes())["files"]
+        edit_manifest(made, files=[*files, {"path": name, "bytes": 1, "sha256": "0" * 64}])
+        before = (made / "manifest.json").read_bytes()
+        refused(run("repair", "datasets/default"), 3, "is no manifest of this pipeline")
+        assert (made / "manifest.json").read_bytes() == before
+
+    def test_a_configuration_that_was_edited_cannot_be_made_whole(self, run: Run, made: Path) -> None:
+        config = json.loads((made / "manifest.json").read_bytes())["config"]
+        edit_manifest(made, config=config | {"collect": config["collect"] | {"episodes": 7}})
+        refused(run("repair", "datasets/default"), 3, "not the one it was made with; restore its manifest")
+        refused(run("train-perception", "--name", "other", "--dataset", "default"), 3, "not the one it was made with")
+
     def test_what_a_link_leads_to_stays(self, run: Run, made: Path, tmp_path: Path) -> None:
         (made / "frames.parquet").rename(tmp_path / "mine.parquet")
         (made / "frames.parquet").symlink_to(tmp_path / "mine.parquet")

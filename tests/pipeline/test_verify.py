@@ -9,6 +9,7 @@ import pytest
 from pipeline.artifacts.inputs import load_complete
 from pipeline.artifacts.store import Request, Store
 from schemas.errors import ArtifactError
+from tests.pipeline.conftest import edit_manifest
 from tests.pipeline.fakes import Run, Stages, begin, prepare
 
 
@@ -70,11 +71,9 @@ def test_damage_is_found_and_nobody_reads_it(
 
 
 def test_a_configuration_that_was_edited(run: Run, made: Path) -> None:
-    manifest = made / "manifest.json"
-    fields = json.loads(manifest.read_bytes())
-    assert fields["config"]["collect"]["episodes"] != 7
-    fields["config"]["collect"]["episodes"] = 7
-    manifest.write_text(json.dumps(fields))
+    config = json.loads((made / "manifest.json").read_bytes())["config"]
+    assert config["collect"]["episodes"] != 7
+    edit_manifest(made, config=config | {"collect": config["collect"] | {"episodes": 7}})
     assert run("verify", "datasets/default").exit_code == 3
 
 

@@ -103,6 +103,16 @@ def test_a_killed_process_is_reported_and_its_neighbours_keep_their_episodes(tmp
     assert multiprocessing.active_children() == []
 
 
+def test_one_that_cannot_begin_lets_its_neighbours_keep_their_episodes(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"episodes": 10_000, "checkpoint_every": 10_000, "eval_every": 10_000})
+    specs = [replace(spec, config=config) for spec in _specs(tmp_path)]
+    specs[1].out.rmdir()
+    with pytest.raises(FileNotFoundError, match="seed1"):
+        train.run(specs, None, resources=Resources(processes=3), finished=print, progress=Silent())
+    assert [len(checkpoint.available(spec.out)) for spec in specs] == [1, 0, 1]
+    assert multiprocessing.active_children() == []
+
+
 @pytest.mark.parametrize(
     ("asked", "runs", "cores", "share"),
     [
