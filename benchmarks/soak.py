@@ -20,6 +20,7 @@ from schemas.files import transition_parts
 
 _EVERY = 1.0  # [s] between two looks
 _SHARED = Path("/dev/shm")
+_CACHE = "torchinductor_"  # torch's own, one for all processes of a user, whether it compiles or not
 _PATIENCE = 10.0  # [s] for the workers of an ended process to end
 _TINY = {
     **{"collect.episodes": 12, "collect.steps": 50, "perception.epochs": 1, "perception.batch_size": 16},
@@ -137,7 +138,7 @@ def _ended(root: Path, how: str, quick: bool) -> list[str]:
 
 def _left(found: _Watched, root: Path) -> list[str]:
     _, alive = psutil.wait_procs(list(found.seen), timeout=_PATIENCE)
-    temporary = sorted(path.name for path in (root / "tmp").iterdir())
+    temporary = sorted(path.name for path in (root / "tmp").iterdir() if not path.name.startswith(_CACHE))
     for name in temporary:
         (root / "tmp" / name).rename(root / f"left-{len(list(root.iterdir()))}-{name}")
     return [

@@ -28,7 +28,7 @@ CARD_FILE = "estimator.json"
 class EstimatorCard(Config):
     """estimator.json: what the weights alone do not say."""
 
-    schema_version: int = SCHEMA_VERSION
+    schema_version: Annotated[int, Field(ge=1)] = SCHEMA_VERSION
     estimator: str
     dataset: str
     architecture: Literal["resnet34"] = "resnet34"

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from schemas.manifest import config_sha256
 from tests.hostile.cases import cases
 from tests.hostile.ground import Ground
 from tests.hostile.stock import LEARNT
@@ -196,6 +197,7 @@ def test_a_name_is_data_in_every_view(ground: Ground) -> None:
     def edit(fields: dict) -> None:
         fields["config"]["run"]["task"] = injected
         fields["config"]["estimator"] = injected
+        fields["config_sha256"] = config_sha256(fields["config"])
 
     with ground.edited(LEARNT, edit), ground.case("injections"):
         found = ground.call("sql", "SELECT task, estimator FROM runs ORDER BY run", "--format", "csv").stdout
