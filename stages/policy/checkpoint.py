@@ -77,6 +77,12 @@ def drop_after(out: Path, position: Position) -> None:
             shutil.rmtree(out / "checkpoints" / later.name)
 
 
+def drop_all(out: Path) -> None:
+    """Remove every checkpoint of a run that has ended."""
+    for position in available(out):
+        shutil.rmtree(out / "checkpoints" / position.name)
+
+
 def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
     """Put a run's networks back and return the rest.
 
@@ -130,8 +136,7 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     directory.mkdir(exist_ok=True)
     write_bytes(tensors_io.save(tensors), directory / "policy.safetensors")
     write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
-    for position in available(out):
-        shutil.rmtree(directory / position.name)
+    drop_all(out)
 
 
 def unpublish(out: Path) -> None:

@@ -43,6 +43,7 @@ def run(
         if summary is None:
             missing.append(spec)
         else:
+            checkpoint.drop_all(spec.out)  # killed while it did so itself
             finished(RunResult(spec.run_id, "complete", summary))
     for group in groups(missing):
         for result in _train(group, estimator, resources, progress):

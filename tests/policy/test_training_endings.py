@@ -132,6 +132,9 @@ class TestResume:
         [spec] = run_specs(tmp_path, ("dense",))
         [result] = trained([spec])
         before = {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+        half = spec.out / "checkpoints" / "000006-000000"  # killed before its checkpoints were dropped
+        half.mkdir()
+        (half / "td3.safetensors").write_bytes(b"")
         assert trained([spec]) == [result]
         assert before == {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
 
