@@ -14,7 +14,7 @@ from benchmarks.outcome import Outcome, Part, Target
 from benchmarks.render import StockCamera
 from pipeline.artifacts.manifests import list_files, write_manifest
 from schemas.datasets import FrameRef
-from schemas.manifest import Code, Environment, Manifest
+from schemas.manifest import Code, Environment, Manifest, config_sha256
 from schemas.progress import Silent
 from stages.collect import run as collect
 from stages.collect.config import CollectConfig, CollectStageConfig
@@ -94,14 +94,15 @@ def _collect(stage: CollectStageConfig, dataset: Path) -> None:
     """A dataset with its manifest, as `pipeline collect` leaves it."""
     dataset.mkdir()
     summary = collect.run(stage, dataset, dataset=DATASET, progress=Silent())
+    config = stage.model_dump(mode="json")
     manifest = Manifest(
         id=f"datasets/{DATASET}",
         stage="collect",
         name=DATASET,
         status="complete",
         created_at="2026-01-02T03:04:05+00:00",
-        config=stage.model_dump(mode="json"),
-        config_sha256="0" * 64,
+        config=config,
+        config_sha256=config_sha256(config),
         inputs=[],
         code=Code(version="0", git_commit=None, dirty=None),
         environment=Environment(python="", platform="", cpu="", gpu=None, gl_renderer=None, packages={}),

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 
 from pipeline.artifacts.manifests import list_files, write_manifest
-from schemas.manifest import Code, Environment, Manifest
+from schemas.manifest import Code, Environment, Manifest, config_sha256
 from stages.policy import rewards
 from stages.policy.config import RunConfig, RunSpec, Scheme
 from stages.policy.log import EpisodeHead, RunLog
@@ -199,19 +199,20 @@ def _publish(spec: RunSpec) -> None:
     identity = {
         name: getattr(spec, name) for name in ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")
     }
+    config = {
+        "world": spec.world.model_dump(mode="json"),
+        "policy": spec.config.model_dump(mode="json"),
+        "run": identity,
+        "estimator": None,
+    }
     manifest = Manifest(
         id=f"runs/{spec.run_id}",
         stage="train-policy",
         name="study",
         status="complete",
         created_at="2026-01-02T03:04:05+00:00",
-        config={
-            "world": spec.world.model_dump(mode="json"),
-            "policy": spec.config.model_dump(mode="json"),
-            "run": identity,
-            "estimator": None,
-        },
-        config_sha256="0" * 64,
+        config=config,
+        config_sha256=config_sha256(config),
         inputs=[],
         code=Code(version="0", git_commit=None, dirty=None),
         environment=Environment(python="", platform="", cpu="", gpu=None, gl_renderer=None, packages={}),
