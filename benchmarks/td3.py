@@ -13,7 +13,7 @@ from benchmarks.measure import milliseconds, rate_of, ratio, side_by_side
 from benchmarks.outcome import Outcome, Part, Target
 from benchmarks.stock import ACTION_DIM, OBSERVATION_DIM, filled_td3
 from stages.device import arithmetic
-from stages.memory import keep_freed_memory, use_huge_pages
+from stages.memory import keep_freed_memory, prepare_memory_of_processes
 from stages.policy.config import TD3Config
 from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.resources import Resources, Share
@@ -59,7 +59,7 @@ class _Processes:
     def __init__(self, config: TD3Config, runs: int) -> None:
         context, share = multiprocessing.get_context("spawn"), Resources().share(runs)
         self.runs, self.share, self._pipes = runs, share, []
-        use_huge_pages()
+        prepare_memory_of_processes()
         for index, part in enumerate(np.array_split(np.arange(runs), share.processes)):
             pipe, theirs = context.Pipe()
             arguments = (theirs, config, len(part), index, share)

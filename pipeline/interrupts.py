@@ -35,6 +35,13 @@ def install() -> None:
         signal.signal(number, _wish.on_signal)
 
 
+def over() -> None:
+    """Nothing is left to stop: a signal while the interpreter ends would only end it with another exit code."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) == _wish.on_signal:
+            signal.signal(number, signal.SIG_IGN)
+
+
 def requested() -> bool:
     """Somebody asked to stop: finish the episode, keep it, and raise KeyboardInterrupt."""
     return _wish.requested

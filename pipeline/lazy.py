@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import click
 
+from pipeline import interrupts
 from pipeline.failures import report
 
 
@@ -66,5 +67,7 @@ class LazyGroup(click.Group):
         try:
             code = super().main(arguments, *rest, **options)
         except (Exception, KeyboardInterrupt) as error:
+            interrupts.over()
             code = report(error, arguments)
+        interrupts.over()
         sys.exit(code if isinstance(code, int) else 0)

@@ -4,6 +4,8 @@ import ctypes
 import os
 import platform
 
+import pyarrow as pa
+
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 _LARGEST = 32 * 2**20  # [bytes] glibc's limit
 
@@ -18,12 +20,25 @@ def keep_freed_memory() -> None:
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST)
         libc.mallopt(_M_TRIM_THRESHOLD, 2**30)
+    _have_arrow_share()
 
 
-def use_huge_pages() -> None:
-    """Have processes started from now on ask for huge pages, where glibc can (2.35) and the user has not tuned it.
+def _have_arrow_share() -> None:
+    """Have Arrow take its memory from the same place, in one thread.
 
-    Networks and replay memories of a dozen runs are far apart in memory: a twelfth of a training's time went into
-    finding pages.
+    Its own allocator, and each of its threads, keep what writing a log's part took, more as the part grows and less
+    when another begins: of five runs 10 to 30 MB, which looks like a leak (`python -m benchmarks soak`).
+    """
+    pa.set_memory_pool(pa.system_memory_pool())
+    pa.set_cpu_count(1)
+
+
+def prepare_memory_of_processes() -> None:
+    """What can only be said before a process starts, for those started from now on, unless the user has said it.
+
+    Huge pages, where glibc can (2.35): networks and replay memories of a dozen runs are far apart in memory, and a
+    twelfth of a training's time went into finding pages. And Arrow's memory from the C library also where Arrow itself
+    takes it, which `set_memory_pool` does not reach.
     """
     os.environ.setdefault("GLIBC_TUNABLES", "glibc.malloc.hugetlb=1")
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")

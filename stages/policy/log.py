@@ -79,8 +79,6 @@ class RunLog:
             self._pending = []
         for table in self._tables.values():
             table.flush()
-        # Arrow keeps what writing a part took, 70 MB of five runs now and 10 then, which looks like a leak.
-        pa.default_memory_pool().release_unused()
 
     def counts(self) -> dict[str, int]:
         """How much is on disk, for a checkpoint to remember."""

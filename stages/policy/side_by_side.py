@@ -14,7 +14,7 @@ from typing import Any
 from schemas.errors import MachineError
 from schemas.files import remove_halves
 from schemas.progress import Progress, Task
-from stages.memory import use_huge_pages
+from stages.memory import prepare_memory_of_processes
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.group import train_group
 from stages.policy.resources import Share
@@ -31,7 +31,7 @@ def train_side_by_side(
     Raises:
         Exception: what a part could not do; the others first end their episode and write a checkpoint.
     """
-    use_huge_pages()
+    prepare_memory_of_processes()
     children: list[_Child] = []
     try:
         for index, part in enumerate(parts):

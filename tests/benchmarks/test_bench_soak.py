@@ -18,11 +18,13 @@ def root(tmp_path: Path) -> Path:
 
 def test_growth_is_from_warm_to_the_end() -> None:
     """The start does not count; one look that is out of line does not either."""
-    found = soak._Watched()
-    warm = [10.0 * look for look in range(20)] + [200.0] * 80
+    found = soak._Watched(rows=[200_000, 199_000])
+    assert found.warm == 3, "a part of 40,000 rows is whole after 0.201 of it"
+    warm = [10.0 * look for look in range(30)] + [300.0] * 70
     assert found.growth(warm) == 0
     assert found.growth([*warm[:95], 900.0, *warm[96:]]) == 0
-    assert found.growth([*warm[:90], *[206.0] * 10]) == pytest.approx(0.03)
+    assert found.growth([*warm[:90], *[309.0] * 10]) == pytest.approx(0.03)
+    assert soak._Watched(rows=[1_000]).warm == 2, "no part is ever whole"
 
 
 HOLD = """

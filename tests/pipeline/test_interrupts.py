@@ -13,6 +13,14 @@ import pytest
 
 from pipeline import interrupts
 
+ENDING = """
+import atexit, sys, time
+from pipeline.cli import main
+atexit.register(lambda: (print("ending", flush=True), time.sleep(1)))
+sys.argv = ["pipeline", "--version"]
+main()
+"""
+
 TINY = {
     **{"policy.schemes": '["oracle"]', "policy.episodes": "6", "policy.warmup_episodes": "1"},
     **{"policy.eval_every": "100", "policy.final_episodes": "1", "policy.checkpoint_every": "100"},
@@ -57,6 +65,19 @@ def test_what_ended_anyway_is_kept_and_nothing_else_is_begun() -> None:
         signal.raise_signal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt), interrupts.finishing():
         pytest.fail("the next stage was begun")
+
+
+def test_an_impatient_ctrl_c_does_not_change_how_it_ends() -> None:
+    """The command is over, and the interpreter is tidying up."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", ENDING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    while "ending" not in process.stdout.readline():
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (0, "")
 
 
 def start(data: Path, *more: str) -> subprocess.Popen[str]:
