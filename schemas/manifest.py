@@ -102,12 +102,26 @@ class Manifest(BaseModel):
     environment: Environment
     files: list[FileRef] = []
     summary: dict[str, Any] = {}
+    seal: str | None = None  # SHA-256 of all the others, once the artifact is finished
+
+    def sealed(self) -> "Manifest":
+        """With the seal of what it says, or with none while it is running and says something else soon."""
+        seal = None if self.status == "running" else _seal(from_json(self.model_dump_json()))
+        return self.model_copy(update={"seal": seal})
+
+
+def _seal(content: dict[str, Any]) -> str:
+    return _canonical_sha256({key: value for key, value in content.items() if key != "seal"})
+
+
+def _canonical_sha256(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def config_sha256(config: dict[str, Any]) -> str:
     """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
     identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
-    return hashlib.sha256(json.dumps(identity, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return _canonical_sha256(identity)
 
 
 def read_manifest(directory: Path) -> Manifest:
@@ -133,6 +147,8 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     except ValueError as error:
         raise ArtifactError(f"{path} is truncated or no JSON: make the artifact again under another --name") from error
     _check_version(content, path)
+    if content.get("seal") and content.get("status") != "running" and content["seal"] != _seal(content):
+        raise ArtifactError(f"{path} is not what was written: restore it, or make the artifact again")
     try:
         return Manifest.model_validate(content)
     except ValidationError as error:

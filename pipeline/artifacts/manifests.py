@@ -29,7 +29,7 @@ def read_manifest(directory: Path, artifact_id: str) -> Manifest:
 
 def write_manifest(manifest: Manifest, directory: Path) -> None:
     """Write atomically: the old manifest or the new one is there, never half of one."""
-    write_bytes(manifest.model_dump_json(indent=2).encode() + b"\n", directory / MANIFEST)
+    write_bytes(manifest.sealed().model_dump_json(indent=2).encode() + b"\n", directory / MANIFEST)
 
 
 def manifest_sha256(directory: Path) -> str:

@@ -91,10 +91,10 @@ class Ground:
 
     @contextmanager
     def edited(self, artifact: str, edit: Callable[[dict[str, Any]], Any]) -> Iterator[None]:
-        """A manifest with other fields, until the block ends."""
+        """A manifest with other fields, until the block ends; its seal, which anybody can make anew, is off."""
 
         def change(data: bytes) -> bytes:
-            fields = json.loads(data)
+            fields = json.loads(data) | {"seal": None}
             edit(fields)
             return json.dumps(fields).encode()
 

@@ -7,9 +7,9 @@ import torch
 from safetensors.torch import save_file
 
 from pipeline.artifacts.inputs import input_ref
-from pipeline.artifacts.manifests import list_files
+from pipeline.artifacts.manifests import list_files, write_manifest
 from pipeline.artifacts.store import Request, Store
-from schemas.manifest import config_sha256
+from schemas.manifest import config_sha256, read_manifest
 from stages.collect.config import CollectStageConfig
 from stages.perception.estimator import EstimatorCard
 from stages.perception.normalisation import Normalisation
@@ -57,8 +57,9 @@ def _seal(root: Path, artifact_id: str, inputs: list[str] | None = None) -> None
 
 
 def seal(directory: Path, **changes: object) -> None:
-    """Let the manifest list the files as they are now."""
+    """Let the manifest list the files as they are now, under a seal."""
     edit_manifest(directory, files=[file.model_dump() for file in list_files(directory)], **changes)
+    write_manifest(read_manifest(directory), directory)
 
 
 def _write_network(estimator: Path) -> None:

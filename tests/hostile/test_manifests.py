@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tests.hostile.cases import Damage, cases, damages, odd_names
+from tests.hostile.cases import Damage, cases, damages, flip, odd_names
 from tests.hostile.ground import Ground
 from tests.hostile.stock import DATASET, ESTIMATOR, LEARNT, REPLAYED, REPORT
 
@@ -36,6 +36,25 @@ def test_bytes(ground: Ground, artifact: str, damage: Damage, data: st.DataObjec
         ground.call(*STAGES[artifact], "--dry-run" if artifact in (DATASET, ESTIMATOR, LEARNT) else "--quiet")
         ground.call("show", artifact)
         ground.call(*data.draw(st.sampled_from(EVERYBODY)))
+
+
+@cases(5, 100)
+@given(st.sampled_from(ARTIFACTS), st.floats(0, 1, exclude_max=True), st.integers(0, 7))
+def test_a_bit_is_seen(ground: Ground, artifact: str, share: float, bit: int) -> None:
+    """Wherever it is, but for white space and the word `seal` itself."""
+    path = ground.data / artifact / "manifest.json"
+    whole = json.loads(path.read_bytes())
+    with ground.damaged(path, flip([share], bit)), ground.case("manifest bits"):
+        if not _says(path.read_bytes(), whole):
+            ground.refused("verify", artifact)
+            ground.refused("show", artifact)
+
+
+def _says(data: bytes, whole: dict[str, Any]) -> bool:
+    try:
+        return {**json.loads(data), "seal": None} == {**whole, "seal": None}
+    except ValueError:
+        return False
 
 
 NO_JSON = (

@@ -133,9 +133,9 @@ def dataset(store: Store) -> Path:
 
 
 def edit_manifest(directory: Path, **changes: Any) -> None:
-    """Change fields of a manifest on disk."""
+    """Change fields of a manifest on disk, which bears no seal then, as none did once."""
     path = directory / "manifest.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "seal": None, **changes}))
 
 
 @pytest.fixture

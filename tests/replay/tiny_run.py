@@ -78,11 +78,11 @@ def tamper(run_dir: Path, column: str, step: int, change: Callable[[Any], Any], 
 
 
 def edit_manifest(directory: Path, **fields: Any) -> None:
-    """Replace top-level fields of a manifest; the configuration with its hash."""
+    """Replace top-level fields of a manifest, which bears no seal then; the configuration with its hash."""
     path = directory / "manifest.json"
     if "config" in fields:
         fields = {"config_sha256": config_sha256(fields["config"])} | fields
-    path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"seal": None} | fields))
 
 
 def _play(episode: int, steps: int, task: str, rng: np.random.Generator) -> tuple[list[dict[str, Any]], dict[str, Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from schemas.errors import ArtifactError
-from schemas.manifest import read_manifest
+from schemas.manifest import Manifest, read_manifest
 from schemas.tables import SCHEMA_VERSION
 
 MANIFEST: dict[str, Any] = {
@@ -29,6 +29,21 @@ def test_a_whole_manifest(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
     manifest = read_manifest(tmp_path)
     assert (manifest.id, manifest.status, manifest.schema_version) == ("datasets/small", "complete", SCHEMA_VERSION)
+
+
+def test_a_finished_manifest_is_sealed(tmp_path: Path) -> None:
+    """Whatever it says: of a headline figure one digit is another, and nobody takes it for what was measured."""
+    sealed = Manifest.model_validate(MANIFEST | {"summary": {"final_return": 173.875}}).sealed().model_dump_json()
+    (tmp_path / "manifest.json").write_text(sealed)
+    assert read_manifest(tmp_path).summary == {"final_return": 173.875}
+    (tmp_path / "manifest.json").write_text(sealed.replace("173.875", "172.875"))
+    with pytest.raises(ArtifactError, match=r"manifest\.json is not what was written: restore it"):
+        read_manifest(tmp_path)
+
+
+def test_a_running_manifest_is_not(tmp_path: Path) -> None:
+    running = Manifest.model_validate(MANIFEST | {"status": "running"}).sealed()
+    assert running.seal is None and running.model_copy(update={"status": "complete"}).sealed().seal
 
 
 @pytest.mark.parametrize(
