@@ -9,9 +9,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from safetensors import safe_open
 
+from schemas.manifest import MANIFEST
 from schemas.mcap_files import read_messages
 
 _DONE = 10**15
+_ENDED = _DONE - 1
 _OWN = ("run", "dataset", "estimator", "wall_time_s", "seconds")
 """Columns that say which artifact it is, or how long something took."""
 
@@ -66,11 +68,16 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def progress(directory: Path) -> int:
-    """How far an artifact is: its episode files, or its newest checkpoint, of which a finished one has none."""
-    if any((directory / name).exists() for name in ("estimator.json", "checkpoints/policy.json")):
+    """How far an artifact is: its episode files, its newest checkpoint, or its end, which its manifest tells of last.
+
+    Where the work has ended there is no checkpoint; where there is one again, the work was begun again.
+    """
+    if (directory / MANIFEST).exists() and content(directory / MANIFEST).get("status") == "complete":
         return _DONE
     if (directory / "episodes").is_dir():
         return len(list((directory / "episodes").glob("*.mcap")))
     names = [path.name for path in directory.glob("checkpoints/[0-9e]*")]
     found = (re.fullmatch(r"(\d{6})-(\d{6})|epoch-(\d{6})-\w+\.safetensors", name) for name in names)
-    return max((int("".join(each.groups(""))) for each in found if each), default=0)
+    reached = [int("".join(each.groups(""))) for each in found if each]
+    has_ended = any((directory / name).exists() for name in ("estimator.json", "checkpoints/policy.json"))
+    return max(reached, default=_ENDED if has_ended else 0)

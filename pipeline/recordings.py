@@ -83,7 +83,8 @@ def record_file(store: Store, path: Path, save: Path) -> dict[str, Any]:
         raise ArtifactError(f"there is no file {path}")
     inside = _EPISODE_FILE.fullmatch(str(path.resolve()).removeprefix(f"{store.root.resolve()}/"))
     if inside:
-        return record_artifact(store, f"datasets/{inside['dataset']}", "", int(inside["episode"]), save)
+        dataset = load_shown(store.root, f"datasets/{inside['dataset']}")
+        return record_artifact(store, dataset.id, "", int(inside["episode"]), save)
     from stages.replay.mcap_recording import record_mcap
 
     return {"topics": record_mcap(path, save)}

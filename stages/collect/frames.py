@@ -25,11 +25,13 @@ def read_episode(path: Path, plan: EpisodePlan, dataset: str, config_sha256: str
     """Rows of the file at `path`, every message of it decoded.
 
     Raises:
-        ArtifactError: it is missing, damaged, made from another configuration, or lacks frames.
+        ArtifactError: it is missing, damaged, made from another configuration, another episode's, or lacks frames.
     """
     metadata = read_metadata(path)
     if metadata.get("config_sha256") != config_sha256:
         raise ArtifactError(f"{path} was collected with another configuration")
+    if not plan.identity.items() <= metadata.items():
+        raise ArtifactError(f"{path} is another episode's")
     rows = _rows(path, plan, dataset)
     if tuple(row["step"] for row in rows) != plan.kept_steps:
         raise ArtifactError(f"{path} lacks frames")

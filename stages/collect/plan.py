@@ -37,6 +37,17 @@ class EpisodePlan:
         """Path of the episode's file in the dataset."""
         return f"episodes/episode-{self.episode:06d}.mcap"
 
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the metadata of the episode's file says of whose it is."""
+        return {
+            "episode": str(self.episode),
+            "seed": str(self.seed),
+            "task": self.task,
+            "behaviour": self.behaviour,
+            "split": self.split,
+        }
+
     def rng(self, stream: Stream) -> np.random.Generator:
         """The episode's own generator for one purpose."""
         return _rng(self.seed, stream, self.episode)

@@ -67,11 +67,7 @@ def episode_metadata(
     nominal = nominal_pose(config.camera)
     turn = np.degrees(vector_of(nominal.rotation.T @ camera.rotation))
     return {
-        "episode": str(plan.episode),
-        "seed": str(plan.seed),
-        "task": plan.task,
-        "behaviour": plan.behaviour,
-        "split": plan.split,
+        **plan.identity,
         "steps": str(len(episode.times_ns)),
         "kept_steps": json.dumps(plan.kept_steps),
         "success": json.dumps(episode.success),

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from schemas.files import write_bytes
+from schemas.errors import ArtifactError
+from schemas.files import read_parquet, write_bytes
+from stages.perception.estimator import saved_weights
 from stages.perception.resnet34 import ResNet34
 
 DIRECTORY = "checkpoints"
@@ -44,6 +47,34 @@ def save_checkpoint(state: TrainingState, out: Path) -> None:
     write_bytes(data, directory / f"epoch-{state.epoch:06d}-{_seal(data)}.safetensors")
     for old in _checkpoints(out)[_KEEP:]:
         old.unlink()
+
+
+def drop_checkpoints(out: Path) -> None:
+    """Remove all, the newest last: until it goes, training would go on from there."""
+    for file in reversed(_checkpoints(out)):
+        file.unlink()
+    shutil.rmtree(out / DIRECTORY, ignore_errors=True)
+
+
+def restore_ended(state: TrainingState, out: Path, epochs: int) -> bool:
+    """Fill `state` from the estimator in `out` and its table of `epochs`, where both are whole: its checkpoints may be
+    gone, for the manifest that ends a training is written after them. Only what is left to do is in it.
+    """
+    saved = saved_weights(out)
+    try:
+        table = read_parquet(out / "epochs.parquet").drop_columns(["estimator"])
+    except (ArtifactError, KeyError):
+        return False
+    rows = [row for row in table.to_pylist() if row["split"] != "test"]
+    if saved is None or len(rows) != 2 * epochs:
+        return False
+    card, weights = saved
+    best = min((row for row in rows if row["split"] == "validation"), key=lambda row: row["mean_error"])
+    if best["epoch"] != card.best_epoch:
+        return False
+    state.epoch, state.rows = epochs, rows
+    state.best, state.best_error, state.best_epoch = weights, best["mean_error"], card.best_epoch
+    return True
 
 
 def restore_checkpoint(state: TrainingState, out: Path) -> bool:

@@ -1,5 +1,6 @@
 """The artifact of perception: image → position of the cube, rebuilt from its own directory alone (SPEC §4)."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,7 +9,7 @@ import numpy as np
 import torch
 from pydantic import Field, ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import load, load_file, save
 from torch import Tensor
 
 from schemas.config import Config, Precision
@@ -44,12 +45,25 @@ class EstimatorCard(Config):
     """Epoch of the kept weights: the one of lowest validation error."""
     ranges: Ranges | None = None
     """Ranges of the activations, by which CPUs that can run the network in 8-bit integers; None: none should."""
+    weights_sha256: str | None = None
+    """Hash of the weights, for training that goes on before a manifest vouches for them; None: of an older version."""
 
 
 def save_estimator(directory: Path, card: EstimatorCard, weights: dict[str, Tensor]) -> None:
     """Write both files; the card last, so that it never describes weights that are not there."""
-    write_bytes(save({key: value.cpu().contiguous() for key, value in weights.items()}), directory / WEIGHTS_FILE)
-    write_bytes((card.model_dump_json(indent=2) + "\n").encode(), directory / CARD_FILE)
+    data = save({key: value.cpu().contiguous() for key, value in weights.items()})
+    write_bytes(data, directory / WEIGHTS_FILE)
+    sealed = card.model_copy(update={"weights_sha256": hashlib.sha256(data).hexdigest()})
+    write_bytes((sealed.model_dump_json(indent=2) + "\n").encode(), directory / CARD_FILE)
+
+
+def saved_weights(directory: Path) -> tuple[EstimatorCard, dict[str, Tensor]] | None:
+    """What `save_estimator` wrote, if it did and both files are whole."""
+    try:
+        card, data = _read_card(directory / CARD_FILE), (directory / WEIGHTS_FILE).read_bytes()
+    except (ArtifactError, OSError):
+        return None
+    return (card, load(data)) if card.weights_sha256 == hashlib.sha256(data).hexdigest() else None
 
 
 class Estimator:

@@ -1,7 +1,6 @@
 """Training and test of the estimator (SPEC §4)."""
 
 import math
-import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,13 @@ from schemas.files import write_parquet
 from schemas.progress import Progress, Task
 from schemas.tables import EPOCHS
 from stages.device import arithmetic, torch_device
-from stages.perception.checkpoint import DIRECTORY, TrainingState, restore_checkpoint, save_checkpoint
+from stages.perception.checkpoint import (
+    TrainingState,
+    drop_checkpoints,
+    restore_checkpoint,
+    restore_ended,
+    save_checkpoint,
+)
 from stages.perception.config import PerceptionConfig
 from stages.perception.dataset import Frames, load_frames
 from stages.perception.estimator import Estimator, EstimatorCard, save_estimator
@@ -53,7 +58,8 @@ def run(
     frames = load_frames(dataset, out, progress)
     trainer = Trainer(config, frames, device)
     state = trainer.start(weights)
-    restore_checkpoint(state, out)
+    if not restore_ended(state, out, config.epochs):
+        restore_checkpoint(state, out)
     trainer.fit(state, out, estimator, progress)
     ranges = trainer.ranges(state.best) if config.quantise else None
     save_estimator(out, _card(config, frames, trainer.normalisation, estimator, state.best_epoch, ranges), state.best)
@@ -62,9 +68,7 @@ def run(
     recorded, misaligned = evaluate(loaded, frames, config.test_misalignments, estimator, rerender, out, progress)
     state.rows.append(_row("test", config.epochs, recorded, 0.0, time.monotonic() - started))
     write_epochs(state.rows, estimator, out)
-    shutil.rmtree(
-        out / DIRECTORY, ignore_errors=True
-    )  # of no use once the estimator is there, and eight times its size
+    drop_checkpoints(out)  # of no use once the estimator is there, and eight times its size
     return {
         "test_mean_error": recorded.mean_error,
         "test_median_error": recorded.median_error,

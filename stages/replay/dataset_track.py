@@ -28,6 +28,9 @@ def dataset_track(dataset: Path, episode: int) -> EpisodeTrack:
     """
     meshes = _meshes(dataset)
     path = episode_file(dataset, episode)
+    metadata = read_metadata(path)
+    if metadata.get("episode") != str(episode):
+        raise ArtifactError(f"{path} is of episode {metadata.get('episode')}: put it back, or collect it again")
     by_time = _messages_by_time(path)
     frames = {at: messages for at, messages in by_time.items() if mcap_topics.CAMERA_IMAGE in messages}
     if not frames:
@@ -37,7 +40,7 @@ def dataset_track(dataset: Path, episode: int) -> EpisodeTrack:
     calibration = messages[0][mcap_topics.CAMERA_CALIBRATION]
     return EpisodeTrack(
         name=f"{dataset.name} episode {episode}",
-        description=_description(dataset, path, len(frames)),
+        description=_description(f"{dataset.name}, {path.stem}", metadata, len(frames)),
         clock=clock,
         cube=_cube(messages),
         links={link: _pose(messages, link) for link in dict.fromkeys(mesh.link for mesh in meshes)},
@@ -109,11 +112,10 @@ def _actions(by_time: dict[int, dict[str, Any]]) -> Actions:
     return Actions(_clock(list(found)), np.array(list(found.values())))
 
 
-def _description(dataset: Path, path: Path, frames: int) -> str:
-    metadata = read_metadata(path)
+def _description(shown_as: str, metadata: dict[str, str], frames: int) -> str:
     shown = ("task", "behaviour", "split", "seed", "success", "camera_translation", "camera_rotation")
     rows = [f"| {name.replace('_', ' ')} | {_short(metadata[name])} |" for name in shown if name in metadata]
-    title = [f"# {dataset.name}, {path.stem}", f"{frames} frames kept of {metadata.get('steps', '?')} steps"]
+    title = [f"# {shown_as}", f"{frames} frames kept of {metadata.get('steps', '?')} steps"]
     return "\n".join([*title, "\n| | |\n|---|---|", *rows])
 
 

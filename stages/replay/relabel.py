@@ -54,7 +54,7 @@ class _Source:
 def relabel(run_dir: Path, labels: Labels, out: Path, progress: Progress) -> dict[str, Any]:
     """Write transitions/part-*.parquet and episodes.parquet into `out`, in the layout of a run's; the summary.
 
-    Parts that are there already, from an interrupted call, are left as they are.
+    Parts that are there already, from an interrupted call, are left as they are where they are whole.
 
     Raises:
         ArtifactError: the run is damaged.
@@ -71,7 +71,7 @@ def relabel(run_dir: Path, labels: Labels, out: Path, progress: Progress) -> dic
     with progress.task(f"relabel {labels.run_id}", episodes.num_rows) as task:
         for part in parts:
             target = out / "transitions" / part.name
-            if not target.exists():
+            if not _is_made(target, part, labels):
                 write_parquet(_relabelled(source, part, labels, task), target)
     rows = _summed(out)
     write_parquet(_episodes(episodes, rows, labels), out / "episodes.parquet")
@@ -110,6 +110,19 @@ def _relabelled(source: _Source, part: Path, labels: Labels, task: Task) -> pa.T
         field = table.schema.field(place)
         table = table.set_column(place, field, constant(field.type, value, len(table)))
     return table
+
+
+def _is_made(target: Path, part: Path, labels: Labels) -> bool:
+    """An interrupted call made this part, it is what was written, and what labels do not change is as in the run's."""
+    try:
+        made = read_parquet(target)
+    except ArtifactError:  # not there, or damaged: it is made again
+        return False
+    source = read_parquet(part)
+    same = [name for name in source.column_names if name not in ("run", "scheme", *_LABELS)]
+    if made.schema != source.schema or not made.select(same).equals(source.select(same)):
+        return False
+    return set(made["run"].to_pylist()) == {labels.run_id} and set(made["scheme"].to_pylist()) == {labels.scheme}
 
 
 def _with(table: pa.Table, values: Rows) -> pa.Table:

@@ -60,3 +60,15 @@ def test_progress_of_an_estimator(tmp_path: Path) -> None:
     for name in ("epoch-000001-0123456789abcdef.safetensors", ".epoch-000002-0123456789abcdef.safetensors.tmp"):
         (tmp_path / "checkpoints" / name).write_bytes(b"")
     assert progress(tmp_path) == 1
+
+
+def test_work_that_has_ended_and_is_begun_again_is_lost(tmp_path: Path) -> None:
+    """The estimator is there from before; only the manifest says that it is complete."""
+    write_bytes(b"{}", tmp_path / "estimator.json")
+    write_bytes(b'{"status": "running"}', tmp_path / "manifest.json")
+    ended = progress(tmp_path)
+    (tmp_path / "checkpoints").mkdir()
+    write_bytes(b"", tmp_path / "checkpoints" / "epoch-000001-0123456789abcdef.safetensors")
+    assert progress(tmp_path) == 1 < ended
+    write_bytes(b'{"status": "complete"}', tmp_path / "manifest.json")
+    assert progress(tmp_path) > ended

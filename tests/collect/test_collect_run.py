@@ -87,6 +87,21 @@ def test_files_of_another_configuration_are_not_taken_over(collect: Collect, tmp
     assert {read_metadata(path)["config_sha256"] for path in episode_files(tmp_path / "out")} == {expected}
 
 
+def test_files_of_another_episode_are_not_taken_over(collect: Collect, tmp_path: Path) -> None:
+    """Every step is kept, so that episodes that changed places lack no frames."""
+    config = tiny(keep_fraction=1.0)
+    collect(config)
+    out, whole = tmp_path / "out", contents(tmp_path / "out")
+    table = pq.read_table(out / "frames.parquet")
+    first, second, third = episode_files(out)
+    first.write_bytes(whole[second.name])
+    second.write_bytes(whole[first.name])
+    third.write_bytes(whole[first.name])
+    collect(config)
+    assert contents(out) == whole
+    assert pq.read_table(out / "frames.parquet").equals(table)
+
+
 def test_config_hash_ignores_only_the_workers() -> None:
     assert config_sha256(tiny()) == config_sha256(tiny(workers=7))
     assert config_sha256(tiny()) != config_sha256(tiny(action_noise=0.3))

@@ -61,7 +61,7 @@ def test_files_that_changed_places(ground: Ground, data: st.DataObject) -> None:
 @pytest.fixture(scope="module")
 def asked(ground: Ground) -> Ground:
     """A ground that knows the right answers."""
-    for question in (*QUESTIONS, *OF_TRANSITIONS, COMPARED, REPLAY, VIEWED):
+    for question in (*QUESTIONS, *OF_TRANSITIONS, COMPARED, REPLAY, VIEWED, VIEWED_FILE):
         ground.learn(*question)
     return ground
 
@@ -84,6 +84,7 @@ OF_TRANSITIONS = tuple(
 COMPARED = ("compare", "study", "--json")
 REPLAY = ("replay", REPLAYED, "--episode", "0", "--quiet")
 VIEWED = ("view", DATASET, "--save", "out/x.rrd", "--json")
+VIEWED_FILE = ("view", f"data/{EPISODE}", "--save", "out/x.rrd", "--json")
 
 
 @cases(6, 250)
@@ -102,6 +103,14 @@ def test_what_is_shown_is_what_was_logged(asked: Ground, data: st.DataObject, da
     with asked.damaged(data.draw(st.sampled_from(files)), damage), asked.case("damaged episodes"):
         asked.not_deceived(*REPLAY)
         asked.not_deceived(*VIEWED)
+        asked.not_deceived(*VIEWED_FILE)
+
+
+def test_a_file_of_a_dataset_is_verified_as_the_dataset_is(ground: Ground) -> None:
+    other = (ground.data / EPISODE).read_bytes().replace(b"dense2sparse", b"dense2sparsE")
+    with ground.damaged(ground.data / EPISODE, lambda _: other), ground.case("damaged episodes"):
+        said = ground.refused("view", f"data/{EPISODE}", "--save", "out/x.rrd").stderr
+        assert f"{DATASET} is damaged: episodes/episode-000000.mcap is not what was written" in said
 
 
 @cases(8, 150)

@@ -1,7 +1,9 @@
 """Interruption, resumption, and what cannot be trained on."""
 
+import json
 import logging
 from contextlib import nullcontext
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -11,9 +13,10 @@ from safetensors.torch import save_file
 from schemas.errors import ArtifactError, MachineError
 from schemas.progress import Silent
 from stages.perception import resnet34
+from stages.perception.checkpoint import drop_checkpoints
 from stages.perception.config import PerceptionConfig
 from stages.perception.dataset import load_frames
-from stages.perception.estimator import WEIGHTS_FILE
+from stages.perception.estimator import CARD_FILE, WEIGHTS_FILE
 from stages.perception.resnet34 import ResNet34
 from stages.perception.training import Trainer, learning_rate, run
 from tests.perception.perception_data import shifted, write_dataset
@@ -143,6 +146,54 @@ def test_interrupted_test_does_not_train_again(dataset, uninterrupted, tmp_path)
         train(dataset, tmp_path, config, rerender=fail)
     train(dataset, tmp_path, config, progress=InterruptAt(1))  # a single training step would interrupt
     assert results(tmp_path)[0] == uninterrupted[0]
+
+
+def test_killed_when_only_the_manifest_was_missing_it_tests_again(dataset, uninterrupted, tmp_path):
+    """The checkpoints go first; it goes on to the same bits without a step of training."""
+    train(dataset, tmp_path)
+    card = (tmp_path / CARD_FILE).read_bytes()
+    assert not (tmp_path / "checkpoints").exists()
+    (tmp_path / "predictions.parquet").unlink()
+    train(dataset, tmp_path, progress=InterruptAt(1))  # a single training step would interrupt
+    assert results(tmp_path) == uninterrupted and (tmp_path / CARD_FILE).read_bytes() == card
+
+
+def fewer_epochs(path):
+    pl.read_parquet(path).head(4).write_parquet(path)
+
+
+def another_best_epoch(path):
+    card = json.loads(path.read_bytes())
+    path.write_text(json.dumps(card | {"best_epoch": card["best_epoch"] % 3 + 1}))
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        (WEIGHTS_FILE, lambda path: path.write_bytes(flip_a_bit_of_a_weight(path.read_bytes()))),
+        (WEIGHTS_FILE, lambda path: path.unlink()),
+        (CARD_FILE, lambda path: path.write_bytes(cut(path.read_bytes()))),
+        (CARD_FILE, another_best_epoch),
+        ("epochs.parquet", lambda path: path.write_bytes(cut(path.read_bytes()))),
+        ("epochs.parquet", fewer_epochs),
+    ],
+)
+def test_an_ended_training_that_is_not_whole_is_no_end(dataset, uninterrupted, tmp_path, name, damage):
+    train(dataset, tmp_path)
+    damage(tmp_path / name)
+    progress = InterruptAt(1000)
+    train(dataset, tmp_path, progress=progress)
+    assert ("train estimator", 36, 0) in progress.labels
+    assert results(tmp_path) == uninterrupted
+
+
+def test_the_newest_checkpoint_goes_last(dataset, tmp_path, monkeypatch):
+    """Killed in between, there is no older one alone."""
+    interrupt(dataset, tmp_path, 2 * STEPS + 2)
+    unlinked, unlink = [], Path.unlink
+    monkeypatch.setattr(Path, "unlink", lambda path: (unlinked.append(path.name[:12]), unlink(path)))
+    drop_checkpoints(tmp_path)
+    assert unlinked == ["epoch-000001", "epoch-000002"] and not (tmp_path / "checkpoints").exists()
 
 
 def test_checkpoints_come_every_so_many_epochs(dataset, tmp_path):

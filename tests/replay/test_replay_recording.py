@@ -216,6 +216,15 @@ def test_a_truncated_episode_file(dataset_dir: Path, tmp_path: Path):
         record_dataset_episode(damaged, 0, tmp_path / "d.rrd")
 
 
+def test_the_file_of_another_episode(dataset_dir: Path, tmp_path: Path):
+    swapped = tmp_path / "d"
+    (swapped / "episodes").mkdir(parents=True)
+    (swapped / "manifest.json").write_text((dataset_dir / "manifest.json").read_text())
+    (swapped / "episodes" / "episode-000001.mcap").write_bytes(next((dataset_dir / "episodes").iterdir()).read_bytes())
+    with pytest.raises(ArtifactError, match=r"episode-000001\.mcap is of episode 0: put it back"):
+        record_dataset_episode(swapped, 1, tmp_path / "d.rrd")
+
+
 def test_a_run_is_no_dataset(fresh_run: MakeRun, tmp_path: Path):
     run = fresh_run(episodes=1, steps=2)
     with pytest.raises(ArtifactError, match="not a dataset"):

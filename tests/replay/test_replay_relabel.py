@@ -1,5 +1,6 @@
 """New labels of logged transitions: what changes is what the scheme, or the estimator, changes."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from schemas.arrays import constant
 from schemas.errors import ArtifactError, ConfigError
+from schemas.files import write_parquet
 from schemas.manifest import read_manifest
 from schemas.progress import Silent
 from stages.replay.reestimate import Eye
@@ -96,6 +99,40 @@ def test_finished_parts_are_not_made_again(run_dir: Path, tmp_path: Path) -> Non
     changed.unlink()
     labelled(run_dir, tmp_path / "x", "sparse")
     assert part.stat().st_mtime_ns == before and changed.exists()
+
+
+def flip_an_action(part: Path) -> None:
+    chunk = pq.read_metadata(part).row_group(0)
+    [action] = [c for c in map(chunk.column, range(chunk.num_columns)) if c.path_in_schema.startswith("action")]
+    data = bytearray(part.read_bytes())
+    data[action.data_page_offset + action.total_compressed_size - 20] ^= 1
+    part.write_bytes(data)
+
+
+def cut(part: Path) -> None:
+    part.write_bytes(part.read_bytes()[:100])
+
+
+def swap_with_the_next(part: Path) -> None:
+    part.write_bytes(part.with_name("part-00001.parquet").read_bytes())
+
+
+def other_labels(part: Path) -> None:
+    table = pq.read_table(part, partitioning=None)
+    write_parquet(table.set_column(0, table.schema.field(0), constant(table.schema.types[0], "x", len(table))), part)
+
+
+@pytest.mark.parametrize("damage", [flip_an_action, cut, swap_with_the_next, other_labels])
+def test_parts_that_are_not_what_was_written_are_made_again(
+    run_dir: Path, tmp_path: Path, damage: Callable[[Path], None]
+) -> None:
+    labelled(run_dir, tmp_path / "x", "sparse")
+    part = tmp_path / "x" / "transitions" / "part-00000.parquet"
+    whole = part.read_bytes()
+    damage(part)
+    assert part.read_bytes() != whole
+    labelled(run_dir, tmp_path / "x", "sparse")
+    assert part.read_bytes() == whole
 
 
 def test_what_was_never_seen_cannot_be_labelled(fresh_run: Any) -> None:
