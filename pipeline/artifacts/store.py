@@ -150,8 +150,7 @@ class Store:
             for file in manifest.files:
                 check_file(path, manifest.id, file, sha256=None)
         elif not resume:
-            how = "was interrupted earlier" if manifest.status == "running" else f"failed earlier ({_reason(manifest)})"
-            raise ConfigError(f"{request.id} {how}: add --resume to go on from its last checkpoint, or remove {path}")
+            raise ConfigError(f"{request.id} {_ended(manifest)}, or remove {path}")
         return manifest
 
     def _check_same(self, request: Request, manifest: Manifest) -> None:
@@ -243,5 +242,12 @@ def check_links(path: Path) -> None:
             raise ArtifactError(f"{each} is a link that leads out of the artifact: put what it leads to in its place")
 
 
-def _reason(manifest: Manifest) -> str:
-    return str(manifest.summary.get("error", "no reason recorded"))
+def _ended(manifest: Manifest) -> str:
+    """How what is not complete ended, and how to go on."""
+    if manifest.status == "running":
+        return "was interrupted earlier: add --resume to go on from its last checkpoint"
+    reason = manifest.summary.get("error", "no reason recorded")
+    return (
+        f"failed earlier ({reason}): add --resume to try again from its last checkpoint, which ends the same where "
+        "nothing has changed, choose another --name for another configuration"
+    )

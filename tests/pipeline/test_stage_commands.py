@@ -13,6 +13,7 @@ from pipeline.config import load_config
 from pipeline.matrix import cells
 from pipeline.steps import policy
 from pipeline.steps.session import Session
+from schemas.errors import DivergedError
 from stages.policy.config import MatrixConfig
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
@@ -41,6 +42,23 @@ def test_collecting_again_is_a_no_op_that_says_so(run: Run, stages: Stages) -> N
     assert "already complete, nothing to do" in again.stdout
     assert answer(run("collect", *TINY, "--json"))["did"] == "nothing"
     assert stages.calls == ["collect"]
+
+
+@pytest.mark.parametrize(
+    ("stage", "artifact"), [("collect", "datasets/default"), ("train-perception", "estimators/default")]
+)
+def test_what_diverged_has_failed_and_says_why(
+    run: Run, stages: Stages, store: Store, stage: str, artifact: str
+) -> None:
+    """It is no interruption: to resume repeats it, unless something has changed."""
+    prepare(run, *(["collect"] if stage == "train-perception" else []))
+    stages.errors = {stage: DivergedError("the loss is nan; lower the rate")}
+    refused(run(stage, *TINY), 4, "the loss is nan; lower the rate")
+    manifest = read_manifest(store.path(artifact), artifact)
+    assert (manifest.status, manifest.summary) == ("failed", {"error": "the loss is nan; lower the rate"})
+    refused(run(stage, *TINY), 2, f"{artifact} failed earlier (the loss is nan; lower the rate): add --resume to try")
+    assert answer(run(stage, *TINY, "--resume", "--json"))["did"] == "resumed"
+    assert load_complete(store.root, artifact).status == "complete"
 
 
 def test_quiet_says_nothing(run: Run, stages: Stages) -> None:
