@@ -153,6 +153,24 @@ def test_train_policy_makes_a_run_of_every_cell(run: Run, stages: Stages, store:
     assert call["resources"] == ("cpu", None, None, None)
 
 
+def test_a_manifest_says_what_the_networks_ran_on(
+    run: Run, stages: Stages, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run does not go on where it would round differently: its configuration does not say so."""
+    for step in ("perception", "policy"):
+        monkeypatch.setattr(f"pipeline.steps.{step}.require_device", lambda device: None)
+    prepare(run, "collect")
+    assert run("train-perception", *TINY, "--set", "perception.device=cuda").exit_code == 0
+    assert load_complete(store.root, "estimators/default").environment.device == "cuda"
+    gpu = ("--set", "policy.device=cuda")
+    stages.errors = {"train-policy": KeyboardInterrupt()}
+    assert run("train-policy", *TINY, *gpu).exit_code == 130
+    assert read_manifest(store.path(DENSE), DENSE).environment.device == "cuda"
+    refused(run("train-policy", *TINY, "--resume"), 2, f"{DENSE} was begun on cuda, and cpu rounds differently")
+    assert run("train-policy", *TINY, *gpu, "--resume").exit_code == 0
+    assert "networks on cuda" in " ".join(run("show", DENSE).stdout.split())
+
+
 def test_an_oracle_needs_no_estimator(run: Run, stages: Stages) -> None:
     assert run("train-policy", "--set", "policy.schemes=['oracle']").exit_code == 0
     assert stages.options["train-policy"]["estimator"] is None
