@@ -36,9 +36,13 @@ class ArtifactError(PipelineError):
 
 
 class MachineError(PipelineError):
-    """This machine cannot do it: no GL, disk full, no GPU where one was asked for, unstable simulation."""
+    """This machine cannot do it: no GL, disk full, no GPU where one was asked for."""
 
     exit_code = 4
+
+
+class DivergedError(MachineError):
+    """The work itself came to a bad end, an unstable simulation or values that are no numbers: its artifact failed."""
 
 
 def unknown_choice(what: str, given: str, valid: Iterable[str]) -> str:

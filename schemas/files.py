@@ -148,9 +148,9 @@ def leads_out(path: Path, directory: Path) -> bool:
         return True
 
 
-def failure_path(run: Path) -> Path:
-    """Where a run that failed keeps the episode it failed in: its own transitions/ and episodes.parquet."""
-    return run / "failure"
+def failure_path(artifact: Path) -> Path:
+    """Where what failed in an episode keeps it: a run as transitions/ and episodes.parquet, a dataset as one table."""
+    return artifact / "failure"
 
 
 def recording_path(run: Path, split: str, episode: int) -> Path:

@@ -63,7 +63,15 @@ class Environment(BaseModel):
     cpu: str
     gpu: str | None
     gl_renderer: str | None
+    device: str | None = None  # its networks ran on: cpu | cuda; older manifests do not say
     packages: dict[str, str]
+
+
+class Origin(BaseModel):
+    """What made a part of an artifact, and on what."""
+
+    code: Code
+    environment: Environment
 
 
 class MissingSettingError(ArtifactError, KeyError):
@@ -100,6 +108,7 @@ class Manifest(BaseModel):
     inputs: list[InputRef]
     code: Code
     environment: Environment
+    resumed_from: list[Origin] = []  # what began it, where that was not what ended it; oldest first
     files: list[FileRef] = []
     summary: dict[str, Any] = {}
     seal: str | None = None  # SHA-256 of all the others, once the artifact is finished

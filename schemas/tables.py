@@ -126,6 +126,18 @@ FRAMES = pa.schema(
     ]
 )
 
+UNSTABLE_EPISODE = pa.schema(
+    [
+        pa.field("episode", pa.int32()),
+        pa.field("task", _STRING),
+        pa.field("behaviour", _STRING),
+        pa.field("seed", pa.int64()),  # of the dataset
+        pa.field("step", pa.int16()),
+        pa.field("action", pa.list_(pa.float32())),  # the last one made it unstable
+        pa.field("initial_state", pa.list_(pa.float64())),  # MuJoCo integration state; of the first step alone
+    ]
+)
+
 EPOCHS = pa.schema(
     [
         pa.field("estimator", _STRING),

@@ -25,14 +25,15 @@ PACKAGES = (
 SOURCES = ("pipeline", "stages", "schemas", "rerun_blueprints")
 
 
-def environment(gl_renderer: str | None = None) -> Environment:
-    """This machine, interpreter and the packages results depend on."""
+def environment(device: str, gl_renderer: str | None = None) -> Environment:
+    """This machine, interpreter and the packages results depend on; the device and the renderer that are used."""
     return Environment(
         python=platform.python_version(),
         platform=platform.platform(),
         cpu=cpu_model(),
         gpu=gpu_model(),
         gl_renderer=gl_renderer,
+        device=device,
         packages=package_versions(),
     )
 

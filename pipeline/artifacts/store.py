@@ -20,7 +20,7 @@ from pipeline.artifacts.names import STAGE_OF, artifact_path, split_id
 from schemas.errors import ArtifactError, ConfigError
 from schemas.files import fsync_directory, leads_out, remove_halves, write_bytes
 from schemas.integrity import check_file
-from schemas.manifest import STUDIES, InputRef, Manifest, config_sha256, parse_manifest
+from schemas.manifest import STUDIES, InputRef, Manifest, Origin, config_sha256, parse_manifest
 
 BEFORE_REPAIR = ".manifest.before-repair.json"
 """Beside the manifest of a damaged artifact that is to be made whole again: the one it had."""
@@ -35,6 +35,8 @@ class Request:
     inputs: list[InputRef] = field(default_factory=list)
     defaults: dict[str, Any] = field(default_factory=dict)
     """Values of keys that an older version did not know yet: what it did without them."""
+    device: str = "cpu"
+    """What its networks run on. Not its identity: either device's result is as good, but they round differently."""
 
     @property
     def config_sha256(self) -> str:
@@ -111,6 +113,8 @@ class Build:
 
     def _record(self, **changes: object) -> None:
         changed = self._manifest.model_copy(update=changes)
+        others = [each for each in changed.resumed_from if each != _origin(changed)]
+        changed = changed.model_copy(update={"resumed_from": others})
         write_manifest(changed, self.path)
         self._manifest = changed
 
@@ -138,7 +142,8 @@ class Store:
         """Manifest of the artifact of this id if the request may go on with it; None when there is none.
 
         Raises:
-            ConfigError: the name is taken by another config or input, or it was not finished and `resume` is not set.
+            ConfigError: the name is taken by another config or input, or it was not finished and `resume` is not set,
+                or was begun on another device.
             ArtifactError: what is there cannot be read.
         """
         path = self.path(request.id)
@@ -150,8 +155,12 @@ class Store:
             for file in manifest.files:
                 check_file(path, manifest.id, file, sha256=None)
         elif not resume:
-            how = "was interrupted earlier" if manifest.status == "running" else f"failed earlier ({_reason(manifest)})"
-            raise ConfigError(f"{request.id} {how}: add --resume to go on from its last checkpoint, or remove {path}")
+            raise ConfigError(f"{request.id} {_ended(manifest)}, or remove {path}")
+        elif manifest.environment.device not in (None, request.device):
+            raise ConfigError(
+                f"{request.id} was begun on {manifest.environment.device}, and {request.device} rounds differently: "
+                f"resume it with device={manifest.environment.device}, or choose another --name"
+            )
         return manifest
 
     def _check_same(self, request: Request, manifest: Manifest) -> None:
@@ -182,8 +191,7 @@ class Store:
         target = self.path(request.id)
         if manifest and not _replaceable(request.id):
             check_links(target)
-            begun = {"status": "running", "code": code(), "environment": environment(), "files": []}
-            running = manifest.model_copy(update=begun)
+            running = _resumed(manifest, request.device)
             write_manifest(running, target)
             return Build(running, target, target, lock, resumed=True)
         fresh = _new_manifest(request)
@@ -210,8 +218,23 @@ def _new_manifest(request: Request) -> Manifest:
         config_sha256=request.config_sha256,
         inputs=request.inputs,
         code=code(),
-        environment=environment(),
+        environment=environment(request.device),
     )
+
+
+def _resumed(manifest: Manifest, device: str) -> Manifest:
+    """The manifest of what is gone on with here: it remembers what it was begun by and on.
+
+    That this is the same is seen when its renderer is known: until then it is the one of before.
+    """
+    now = {"code": code(), "environment": environment(device, manifest.environment.gl_renderer)}
+    known, before = manifest.resumed_from, _origin(manifest)
+    origins = known if before in known else [*known, before]
+    return manifest.model_copy(update={"status": "running", "files": [], "resumed_from": origins, **now})
+
+
+def _origin(manifest: Manifest) -> Origin:
+    return Origin(code=manifest.code, environment=manifest.environment)
 
 
 def _prepare(target: Path, manifest: Manifest) -> Path:
@@ -243,5 +266,12 @@ def check_links(path: Path) -> None:
             raise ArtifactError(f"{each} is a link that leads out of the artifact: put what it leads to in its place")
 
 
-def _reason(manifest: Manifest) -> str:
-    return str(manifest.summary.get("error", "no reason recorded"))
+def _ended(manifest: Manifest) -> str:
+    """How what is not complete ended, and how to go on."""
+    if manifest.status == "running":
+        return "was interrupted earlier: add --resume to go on from its last checkpoint"
+    reason = manifest.summary.get("error", "no reason recorded")
+    return (
+        f"failed earlier ({reason}): add --resume to try again from its last checkpoint, which ends the same where "
+        "nothing has changed, choose another --name for another configuration"
+    )

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from rich.tree import Tree
 
     from pipeline.artifacts.inputs import Lineage
+    from schemas.manifest import Code, Environment
 
 
 @click.command(
@@ -96,14 +97,23 @@ def _facts(node: "Lineage") -> list[tuple[str, str]]:
 
     manifest = node.manifest
     assert manifest is not None
-    commit = f", commit {manifest.code.git_commit[:10]}" if manifest.code.git_commit else ""
-    state = " with changes" if manifest.code.dirty else ""
-    machine = [manifest.environment.cpu, manifest.environment.gpu, manifest.environment.gl_renderer]
     total = sum(file.bytes for file in manifest.files)
     return [
-        ("made", f"{manifest.created_at} by {manifest.stage} {manifest.code.version}{commit}{state}"),
-        ("on", ", ".join(each for each in machine if each)),
+        ("made", f"{manifest.created_at} by {manifest.stage} {_version(manifest.code)}"),
+        ("on", _machine(manifest.environment)),
+        *(("begun", f"by {_version(each.code)} on {_machine(each.environment)}") for each in manifest.resumed_from),
         ("files", f"{len(manifest.files)}, {size(total)}"),
         ("config", manifest.config_sha256[:12]),
         *((key, figure(value)) for key, value in scalars(manifest.summary).items()),
     ]
+
+
+def _version(code: "Code") -> str:
+    commit = f", commit {code.git_commit[:10]}" if code.git_commit else ""
+    return f"{code.version}{commit}{' with changes' if code.dirty else ''}"
+
+
+def _machine(environment: "Environment") -> str:
+    named = [environment.cpu, environment.gpu, environment.gl_renderer]
+    device = [f"networks on {environment.device}"] if environment.device else []
+    return ", ".join([each for each in named if each] + device)

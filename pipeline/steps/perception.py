@@ -22,7 +22,8 @@ def request(session: Session, name: str, dataset: str, weights: Path | None = No
     config = PerceptionStageConfig(perception=session.config.perception).model_dump(mode="json")
     config["weights_sha256"] = _weights_sha256(weights) if weights else None
     defaults = PerceptionStageConfig().model_dump(mode="json")
-    return Request(f"estimators/{name}", config, [session.pin(f"datasets/{dataset}")], defaults)
+    device = session.config.perception.device
+    return Request(f"estimators/{name}", config, [session.pin(f"datasets/{dataset}")], defaults, device)
 
 
 def _weights_sha256(weights: Path) -> str:

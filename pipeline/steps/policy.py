@@ -68,7 +68,8 @@ def _request(matrix: Matrix, cell: Cell, estimator: str | None, inputs: list[Inp
         **({"sources": list(matrix.sources)} if matrix.sources else {}),
     }
     defaults = {"world": WorldConfig().model_dump(mode="json"), "policy": RunConfig().model_dump(mode="json")}
-    return Request(f"runs/{matrix.name}/{cell.name}", config, inputs, defaults)
+    device = matrix.session.config.policy.device
+    return Request(f"runs/{matrix.name}/{cell.name}", config, inputs, defaults, device)
 
 
 def space_needed(work: Sequence[Work]) -> int:

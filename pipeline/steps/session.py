@@ -10,6 +10,7 @@ from pipeline.artifacts.inputs import input_ref, load_complete
 from pipeline.artifacts.store import Build, Request, Store
 from pipeline.config import PipelineConfig
 from pipeline.machine import require_gl
+from schemas.errors import DivergedError
 from schemas.manifest import InputRef, Manifest
 from schemas.progress import Progress
 
@@ -63,6 +64,7 @@ def make(
     """Make one artifact: `stage` writes into the build's path and returns the summary. No-op when it is complete.
 
     MachineError where it `renders` and there is no OpenGL: asked before MuJoCo is imported, which would fail on it.
+    DivergedError where the work came to a bad end: the artifact is `failed` then, and says why.
     """
     path = session.store.path(request.id)
     begun = session.store.begin(request, session.resume)
@@ -72,7 +74,12 @@ def make(
     with begun as build:
         if renders:
             build.note_renderer(require_gl())
-        manifest = build.finish(stage(build))
+        try:
+            summary = stage(build)
+        except DivergedError as error:
+            build.fail(str(error))
+            raise
+        manifest = build.finish(summary)
     did: Did = "resumed" if build.resumed else "made"
     return Outcome(request.id, path, did, manifest.summary, time.monotonic() - started)
 

@@ -102,5 +102,6 @@ def facts(environment: Environment) -> list[tuple[str, str]]:
         ("CPU", environment.cpu),
         ("GPU", environment.gpu or "none"),
         ("GL renderer", environment.gl_renderer or "none"),
+        *([("Networks on", environment.device)] if environment.device else []),
         ("Packages", ", ".join(packages) or "not recorded"),
     ]

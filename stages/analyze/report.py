@@ -135,7 +135,8 @@ def _studies(contents: Contents) -> list[dict[str, Any]]:
 
 
 def _limits(contents: Contents) -> list[str]:
-    codes = [artifact.manifest.code for artifact in contents.shown]
+    manifests = [artifact.manifest for artifact in contents.shown]
+    codes = [code for each in manifests for code in (each.code, *(before.code for before in each.resumed_from))]
     derived = contents.derived
     lines = limits(derived.groups, derived.of_studies, codes, "the lineage")
     return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]

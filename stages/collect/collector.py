@@ -3,13 +3,14 @@
 from functools import cached_property
 from pathlib import Path
 
-from schemas.errors import ArtifactError
+from schemas.errors import ArtifactError, DivergedError
 from stages.collect.behaviours import Actor, ActorFactory, make_behaviour
 from stages.collect.config import CollectStageConfig
+from stages.collect.failure import keep_failure
 from stages.collect.frames import EpisodeResult, read_episode
 from stages.collect.plan import EpisodePlan, Stream
 from stages.collect.recorder import Recorder, config_sha256
-from stages.collect.simulate import simulate
+from stages.collect.simulate import UnstableError, simulate
 from stages.sim.camera import CameraPose, displaced, nominal_pose
 from stages.sim.renderer import Renderer
 from stages.sim.scene import Scene, build_scene
@@ -32,7 +33,8 @@ class Collector:
         """The episode's result, from its file when that is whole and of this configuration, else after running it.
 
         Raises:
-            MachineError: unstable simulation, or no OpenGL.
+            DivergedError: unstable simulation; what led to it is kept in failure/.
+            MachineError: no OpenGL.
             OSError: the disk is full, or read-only.
         """
         path = self._out / plan.file
@@ -56,7 +58,11 @@ class Collector:
         collect, world = self._config.collect, self._world(plan.task)
         initial_state = sample_initial_state(self._scene, plan.task, plan.rng(Stream.INITIAL_STATE))
         behaviour = make_behaviour(plan.behaviour, collect.action_noise, plan.rng(Stream.ACTION), self._actor)
-        episode = simulate(world, plan, initial_state, behaviour, collect.steps)
+        try:
+            episode = simulate(world, plan, initial_state, behaviour, collect.steps)
+        except UnstableError as error:
+            kept = keep_failure(self._out, plan, initial_state, error.actions)
+            raise DivergedError(f"{error}; what led to it is kept in {kept}") from error  # it crosses processes
         self._recorder.record(path, plan, episode, self._camera_of(plan))
 
     def _camera_of(self, plan: EpisodePlan) -> CameraPose:

@@ -1,5 +1,6 @@
 """Stage `collect`: runs the robot, renders the fixed camera, records a dataset (SPEC §4)."""
 
+import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from schemas.errors import MachineError
-from schemas.files import remove_halves, write_parquet
+from schemas.files import failure_path, remove_halves, write_parquet
 from schemas.mcap_files import make_durable
 from schemas.progress import Progress
 from schemas.tables import FRAMES
@@ -32,11 +33,13 @@ def run(
     an `actor`, the policy-related episodes are its; without, the scripted controllers'.
 
     Raises:
-        MachineError: no OpenGL, an unstable simulation, a worker that died. Finished episodes are kept.
+        DivergedError: an unstable simulation. Finished episodes are kept, and in failure/ what led to it.
+        MachineError: no OpenGL, a worker that died. Finished episodes are kept.
         OSError: the disk is full, or read-only. They are kept then too.
     """
     started = time.monotonic()
     (out / "episodes").mkdir(exist_ok=True)
+    shutil.rmtree(failure_path(out), ignore_errors=True)  # the episode is tried again
     plans = plan_episodes(config.collect, "scripted" if actor is None else "policy")
     make = partial(Collector, config, out, dataset, actor)
     results = []

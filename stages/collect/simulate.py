@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from schemas.errors import MachineError
+from schemas.errors import DivergedError
 from schemas.mcap_topics import CUBE_FRAME, Placement
 from stages.collect.behaviours import Behaviour
 from stages.collect.plan import EpisodePlan
@@ -36,11 +36,19 @@ class Episode:
     success: bool  # some state after an action completed the task
 
 
+class UnstableError(DivergedError):
+    """The simulation became unstable by the last of `actions` (n, action_dim)."""
+
+    def __init__(self, message: str, actions: np.ndarray) -> None:
+        super().__init__(message)
+        self.actions = actions
+
+
 def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behaviour: Behaviour, steps: int) -> Episode:
     """Run `steps` control steps.
 
     Raises:
-        MachineError: the simulation became unstable.
+        UnstableError: the simulation became unstable.
     """
     state = world.reset(initial_state)
     initial, success = take_snapshot(world, 0, state), False
@@ -52,7 +60,7 @@ def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behavio
         times.append(int(state["time_ns"]))
         actions[step] = behaviour.act(world, state)
         state = world.step(actions[step])
-        _check_stable(state, plan, step)
+        _check_stable(state, plan, actions[: step + 1])
         success |= is_success(plan.task, state)
     return Episode(times, actions, initial, kept, success)
 
@@ -72,10 +80,11 @@ def is_success(task: str, state: np.void) -> bool:
     return bool(state["touched"]) or bool(np.linalg.norm(state["eef"] - state["cube_position"]) <= REACHED)
 
 
-def _check_stable(state: np.void, plan: EpisodePlan, step: int) -> None:
+def _check_stable(state: np.void, plan: EpisodePlan, actions: np.ndarray) -> None:
     if state["unstable"]:
-        raise MachineError(
-            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): the simulation became unstable at step {step}; "
-            "finished episodes are kept; collect under another name with another collect.seed or "
-            "a lower world.max_joint_velocity"
+        raise UnstableError(
+            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): the simulation became unstable at step "
+            f"{len(actions) - 1}; finished episodes are kept; collect under another name with another collect.seed or "
+            "a lower world.max_joint_velocity",
+            actions,
         )

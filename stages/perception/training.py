@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from schemas.datasets import Rerender
-from schemas.errors import ArtifactError, MachineError
+from schemas.errors import ArtifactError, DivergedError
 from schemas.files import write_parquet
 from schemas.progress import Progress, Task
 from schemas.tables import EPOCHS
@@ -52,7 +52,7 @@ def run(
     """Train on the dataset in `dataset`, keep the weights of lowest validation error, test them; resumes from `out`.
 
     `weights`: ImageNet weights to start from. Returns the manifest's summary. Raises ArtifactError for a dataset or
-    weights that cannot be used, MachineError without the configured device or when training diverges.
+    weights that cannot be used, MachineError without the configured device, DivergedError when training diverges.
     """
     device = torch_device(config.device)
     frames = load_frames(dataset, out, progress)
@@ -184,7 +184,7 @@ class Trainer:
 
     def _check(self, value: float, found: str) -> None:
         if not math.isfinite(value):
-            raise MachineError(
+            raise DivergedError(
                 f"training diverged: the {found}; lower perception.learning_rate "
                 f"(now {self.config.learning_rate:g}) or set perception.precision to float32"
             )

@@ -15,10 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from schemas import mcap_files
-from schemas.errors import MachineError
+from schemas.errors import DivergedError, MachineError
 from schemas.mcap_files import read_metadata
 from stages.collect import collector
 from stages.collect.recorder import config_sha256
+from stages.sim.world import World
 from tests.collect.small_dataset import decode, episode_files, frames, tiny
 
 Collect = Callable[..., dict[str, Any]]
@@ -29,6 +30,19 @@ class Still:
 
     def act(self, state: np.void, task: str) -> np.ndarray:
         return np.zeros(8 if task == "lift" else 7, np.float32)
+
+
+def unstable_process() -> Still:
+    """An actor in whose worker process every simulation becomes unstable."""
+    step = World.step
+
+    def unstable(self: World, action: np.ndarray) -> np.void:
+        state = step(self, action)
+        state["unstable"] = True
+        return state
+
+    World.step = unstable  # type: ignore[method-assign]
+    return Still()
 
 
 class Deadly:
@@ -138,9 +152,44 @@ def test_unstable_simulation_names_the_episode(
 
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to a file in the working directory
     monkeypatch.setattr(collector, "sample_initial_state", diverging_in_lift)
-    with pytest.raises(MachineError, match=r"episode 1 \(lift, .*unstable at step 0"):
+    with pytest.raises(DivergedError, match=r"episode 1 \(lift, .*unstable at step 0"):
         collect(tiny())
     assert [path.name for path in (tmp_path / "out" / "episodes").iterdir()] == ["episode-000000.mcap"]
+
+
+def test_what_led_to_an_unstable_simulation_is_kept(
+    collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Simulated again from there it is the episode that it would have been; the next try starts without it."""
+    step = World.step
+
+    def breaking(self: World, action: np.ndarray) -> np.void:
+        state = step(self, action)
+        state["unstable"] |= self.task == "lift" and state["time_ns"] == 150_000_000
+        return state
+
+    with monkeypatch.context() as patch:
+        patch.setattr(World, "step", breaking)
+        with pytest.raises(DivergedError, match=r"unstable at step 2; .* kept in .*failure/episode-000001\.parquet"):
+            collect(tiny())
+    [kept] = (tmp_path / "out" / "failure").iterdir()
+    rows = pq.read_table(kept).to_pylist()
+    assert [(row["episode"], row["task"], row["seed"], row["step"]) for row in rows] == [
+        (1, "lift", tiny().collect.seed, step) for step in range(3)
+    ]
+    collect(tiny())
+    assert not kept.parent.exists()
+    made = list(mcap_files.read_messages(episode_files(tmp_path / "out")[1], "/action"))[:3]
+    assert [row["action"] for row in rows] == [list(message.values) for _, _, message in made]
+    assert [row["initial_state"] for row in rows[1:]] == [None, None]
+    states = mcap_files.read_messages(episode_files(tmp_path / "out")[1], "/sim/state")
+    assert rows[0]["initial_state"] == list(next(states)[2].integration_state)
+
+
+def test_an_unstable_simulation_in_another_process(collect: Collect, tmp_path: Path) -> None:
+    with pytest.raises(DivergedError, match="the simulation became unstable at step 0"):
+        collect(tiny(workers=2, random_fraction=0.0), actor=unstable_process)
+    assert list((tmp_path / "out" / "failure").glob("episode-*.parquet"))
 
 
 def test_a_full_disk_keeps_no_halves(collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from schemas.errors import ArtifactError, MachineError
+from schemas.errors import ArtifactError, DivergedError, MachineError
 from schemas.progress import Silent
 from stages.perception import resnet34
 from stages.perception.checkpoint import drop_checkpoints
@@ -216,7 +216,7 @@ def test_divergence_is_reported_at_once(dataset, tmp_path):
     weights = ResNet34().state_dict()
     weights["conv1.weight"][0, 0, 0, 0] = float("nan")
     save_file(weights, tmp_path / "nan.safetensors")
-    with pytest.raises(MachineError, match=r"loss is nan in epoch 1, step 0; lower perception\.learning_rate"):
+    with pytest.raises(DivergedError, match=r"loss is nan in epoch 1, step 0; lower perception\.learning_rate"):
         train(dataset, tmp_path / "out", weights=tmp_path / "nan.safetensors")
 
 
@@ -225,7 +225,7 @@ def test_divergence_in_validation_is_reported(dataset, tmp_path):
     weights = ResNet34().state_dict()
     weights["bn1.running_mean"][0] = float("-inf")
     save_file(weights, tmp_path / "inf.safetensors")
-    with pytest.raises(MachineError, match=r"validation loss is nan after epoch 1"):
+    with pytest.raises(DivergedError, match=r"validation loss is nan after epoch 1"):
         train(dataset, tmp_path / "out", weights=tmp_path / "inf.safetensors")
 
 

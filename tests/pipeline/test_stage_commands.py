@@ -13,6 +13,7 @@ from pipeline.config import load_config
 from pipeline.matrix import cells
 from pipeline.steps import policy
 from pipeline.steps.session import Session
+from schemas.errors import DivergedError
 from stages.policy.config import MatrixConfig
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
@@ -41,6 +42,23 @@ def test_collecting_again_is_a_no_op_that_says_so(run: Run, stages: Stages) -> N
     assert "already complete, nothing to do" in again.stdout
     assert answer(run("collect", *TINY, "--json"))["did"] == "nothing"
     assert stages.calls == ["collect"]
+
+
+@pytest.mark.parametrize(
+    ("stage", "artifact"), [("collect", "datasets/default"), ("train-perception", "estimators/default")]
+)
+def test_what_diverged_has_failed_and_says_why(
+    run: Run, stages: Stages, store: Store, stage: str, artifact: str
+) -> None:
+    """It is no interruption: to resume repeats it, unless something has changed."""
+    prepare(run, *(["collect"] if stage == "train-perception" else []))
+    stages.errors = {stage: DivergedError("the loss is nan; lower the rate")}
+    refused(run(stage, *TINY), 4, "the loss is nan; lower the rate")
+    manifest = read_manifest(store.path(artifact), artifact)
+    assert (manifest.status, manifest.summary) == ("failed", {"error": "the loss is nan; lower the rate"})
+    refused(run(stage, *TINY), 2, f"{artifact} failed earlier (the loss is nan; lower the rate): add --resume to try")
+    assert answer(run(stage, *TINY, "--resume", "--json"))["did"] == "resumed"
+    assert load_complete(store.root, artifact).status == "complete"
 
 
 def test_quiet_says_nothing(run: Run, stages: Stages) -> None:
@@ -133,6 +151,24 @@ def test_train_policy_makes_a_run_of_every_cell(run: Run, stages: Stages, store:
     ]
     assert call["estimator"] == store.path("estimators/default")
     assert call["resources"] == ("cpu", None, None, None)
+
+
+def test_a_manifest_says_what_the_networks_ran_on(
+    run: Run, stages: Stages, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run does not go on where it would round differently: its configuration does not say so."""
+    for step in ("perception", "policy"):
+        monkeypatch.setattr(f"pipeline.steps.{step}.require_device", lambda device: None)
+    prepare(run, "collect")
+    assert run("train-perception", *TINY, "--set", "perception.device=cuda").exit_code == 0
+    assert load_complete(store.root, "estimators/default").environment.device == "cuda"
+    gpu = ("--set", "policy.device=cuda")
+    stages.errors = {"train-policy": KeyboardInterrupt()}
+    assert run("train-policy", *TINY, *gpu).exit_code == 130
+    assert read_manifest(store.path(DENSE), DENSE).environment.device == "cuda"
+    refused(run("train-policy", *TINY, "--resume"), 2, f"{DENSE} was begun on cuda, and cpu rounds differently")
+    assert run("train-policy", *TINY, *gpu, "--resume").exit_code == 0
+    assert "networks on cuda" in " ".join(run("show", DENSE).stdout.split())
 
 
 def test_an_oracle_needs_no_estimator(run: Run, stages: Stages) -> None:

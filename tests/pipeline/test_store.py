@@ -1,20 +1,24 @@
 """The life of an artifact: made, asked for again, interrupted, failed, replaced."""
 
 import errno
+import json
 import os
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from pipeline.artifacts import space
+from pipeline.artifacts import store as store_module
 from pipeline.artifacts.inputs import load_complete
 from pipeline.artifacts.lock import is_held
 from pipeline.artifacts.manifests import differences, file_sha256, read_manifest
 from pipeline.artifacts.names import check_name, existing_ids
 from pipeline.artifacts.store import Request, Store
 from schemas.errors import ArtifactError, ConfigError, MachineError
-from schemas.manifest import InputRef, Manifest, config_sha256
+from schemas.manifest import Code, InputRef, Manifest, config_sha256
+from tests.pipeline.conftest import edit_manifest
 from tests.pipeline.fakes import begin
 
 ASKED = Request("datasets/small", {"collect": {"episodes": 1}})
@@ -197,6 +201,49 @@ def test_a_report_is_absent_until_it_is_complete(store: Store) -> None:
         build.finish({})
     assert existing_ids(store.root, "reports") == ["reports/small"]
     assert [path.name for path in (store.root / "reports").iterdir()] == ["small"]
+
+
+def test_another_device_does_not_go_on(store: Store) -> None:
+    """It rounds differently. What is complete answers for both, and an older manifest does not say."""
+    gpu = replace(ASKED, device="cuda")
+    interrupt(store, ASKED, KeyboardInterrupt())
+    path = store.path(ASKED.id)
+    before = (path / "manifest.json").read_bytes()
+    said = "datasets/small was begun on cpu, and cuda rounds differently: resume it with device=cpu"
+    with pytest.raises(ConfigError, match=said):
+        store.begin(gpu, resume=True)
+    assert (path / "manifest.json").read_bytes() == before
+    edit_manifest(path, environment={**json.loads(before)["environment"], "device": None})
+    with begin(store, gpu, resume=True) as build:
+        assert build.finish({}).environment.device == "cuda"
+    assert isinstance(store.begin(ASKED, resume=False), Manifest)
+
+
+def test_what_began_it_is_remembered(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By other code, on another machine or renderer; an artifact of older code has none of it."""
+    with pytest.raises(KeyboardInterrupt), begin(store, ASKED) as build:
+        build.note_renderer("llvmpipe")
+        (build.path / "half").write_text("half")
+        raise KeyboardInterrupt
+    path = store.path(ASKED.id)
+    began = json.loads((path / "manifest.json").read_text())
+    (path / "manifest.json").write_text(json.dumps({key: began[key] for key in began if key != "resumed_from"}))
+    with pytest.raises(KeyboardInterrupt), begin(store, ASKED, resume=True) as build:
+        build.note_renderer("llvmpipe")
+        raise KeyboardInterrupt
+    assert read_manifest(path, ASKED.id).resumed_from == [], "it was resumed where it was begun"
+    with pytest.raises(KeyboardInterrupt), begin(store, ASKED, resume=True) as build:
+        build.note_renderer("another")
+        raise KeyboardInterrupt
+    monkeypatch.setattr(store_module, "code", lambda: Code(version="9", git_commit=None, dirty=None))
+    with begin(store, ASKED, resume=True) as build:
+        build.note_renderer("another")
+        made = build.finish({})
+    assert [(each.code.version, each.environment.gl_renderer) for each in made.resumed_from] == [
+        (began["code"]["version"], "llvmpipe"),
+        (began["code"]["version"], "another"),
+    ]
+    assert (made.code.version, made.environment.gl_renderer) == ("9", "another")
 
 
 def test_an_interrupted_report_leaves_nothing(store: Store) -> None:
