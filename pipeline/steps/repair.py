@@ -81,9 +81,12 @@ def _files(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run
 
 
 def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: bool) -> Repaired:
+    from stages.policy.checkpoint import damage
     from stages.policy.salvage import assess, cut
 
     path = store.path(manifest.id)
+    if manifest.status == "running":  # no manifest vouches for what has ended yet
+        damaged = damage(path)
     whole = assess(path, damaged, from_logs=bool(manifest.config.get("sources")))
     lost = (*damaged.values(), *whole.lost)
     if damaged and all(name.startswith(_ADDITIONS) for name in damaged) and not whole.lost:
