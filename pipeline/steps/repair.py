@@ -19,7 +19,7 @@ _ADDITIONS = ("recordings/", "failure/")
 """What a run has besides its log and weights: it is whole without."""
 _THEN = {
     "datasets": "the command that made it, with --resume, collects what is missing",
-    "estimators": "the command that made it, with --resume, trains it again",
+    "estimators": "the command that made it, with --resume, trains it again, or only tests it",
     "relabels": "the command that made it, with --resume, labels what is missing",
 }
 
