@@ -17,6 +17,11 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def file_ref(directory: Path, path: Path) -> FileRef:
+    """What a file of the artifact in `directory` is now."""
+    return FileRef(path=path.relative_to(directory).as_posix(), bytes=path.stat().st_size, sha256=file_sha256(path))
+
+
 def check_config(manifest: Manifest) -> None:
     """ArtifactError where the configuration in a manifest is not the one that the artifact was made with."""
     if config_sha256(manifest.config) != manifest.config_sha256:

@@ -9,7 +9,7 @@ from pipeline.artifacts.names import STAGE_OF
 from schemas.config import flatten
 from schemas.errors import ArtifactError
 from schemas.files import write_bytes
-from schemas.integrity import file_sha256
+from schemas.integrity import file_ref, file_sha256
 from schemas.manifest import MANIFEST, PLACEMENT, STUDIES, FileRef, Manifest
 
 
@@ -40,7 +40,7 @@ def manifest_sha256(directory: Path) -> str:
 def list_files(directory: Path) -> list[FileRef]:
     """Every file of an artifact but its manifest, with size and hash; hidden (temporary) files are left out."""
     return [
-        FileRef(path=path.relative_to(directory).as_posix(), bytes=path.stat().st_size, sha256=file_sha256(path))
+        file_ref(directory, path)
         for path in sorted(directory.rglob("*"))
         if path.is_file() and path != directory / MANIFEST and not path.name.startswith(".")
     ]

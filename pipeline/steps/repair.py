@@ -19,7 +19,7 @@ _ADDITIONS = ("recordings/", "failure/")
 """What a run has besides its log and weights: it is whole without."""
 _THEN = {
     "datasets": "the command that made it, with --resume, collects what is missing",
-    "estimators": "the command that made it, with --resume, trains it again",
+    "estimators": "the command that made it, with --resume, trains it again, or only tests it",
     "relabels": "the command that made it, with --resume, labels what is missing",
 }
 
@@ -81,9 +81,12 @@ def _files(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run
 
 
 def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: bool) -> Repaired:
+    from stages.policy.checkpoint import damage
     from stages.policy.salvage import assess, cut
 
     path = store.path(manifest.id)
+    if manifest.status == "running":  # no manifest vouches for what has ended yet
+        damaged = damage(path)
     whole = assess(path, damaged, from_logs=bool(manifest.config.get("sources")))
     lost = (*damaged.values(), *whole.lost)
     if damaged and all(name.startswith(_ADDITIONS) for name in damaged) and not whole.lost:

@@ -14,9 +14,12 @@ from torch import Tensor
 
 from schemas.errors import ArtifactError
 from schemas.files import fsync_directory, write_bytes
+from schemas.integrity import file_ref, problem
+from schemas.manifest import FileRef
 from stages.policy.td3 import TD3
 
 _DIGITS = 6 * "[0-9]"
+DESCRIPTION = "checkpoints/policy.json"
 KEPT = 2  # runs of a matrix may have been killed one checkpoint apart
 
 
@@ -119,7 +122,8 @@ def _unsealed(directory: Path, position: Position) -> tuple[bytes, Remembered]:
 def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) -> None:
     """Keep the finished run's networks under standard names, and drop the checkpoints.
 
-    `description` is written last before they go: where it is, the run has ended (see `published`).
+    `description`, which holds the run's summary, is written last before they go: where it is, the run has ended. It
+    says too what the files of the run are then, for no manifest does yet (see `damage`).
     """
     width = td3.critic_net.parameters
     networks = {
@@ -135,21 +139,53 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     directory = out / "checkpoints"
     directory.mkdir(exist_ok=True)
     write_bytes(tensors_io.save(tensors), directory / "policy.safetensors")
-    write_bytes(json.dumps(description, indent=2).encode(), directory / "policy.json")
+    files = [directory / "policy.safetensors", *sorted(out.rglob("*.parquet"))]
+    told = {**description, "files": [file_ref(out, path).model_dump() for path in files]}
+    write_bytes(json.dumps({**told, "sha256": _hash(told)}, indent=2).encode(), out / DESCRIPTION)
     drop_all(out)
 
 
 def unpublish(out: Path) -> None:
     """The run is to go on, or begin anew: it has not ended."""
-    (out / "checkpoints" / "policy.json").unlink(missing_ok=True)
+    (out / DESCRIPTION).unlink(missing_ok=True)
 
 
 def published(out: Path) -> dict[str, Any] | None:
-    """Summary of a run that ended, or None: it may have been killed before its manifest said so."""
-    try:
-        return json.loads((out / "checkpoints" / "policy.json").read_bytes())["summary"]
-    except (OSError, ValueError, KeyError):
+    """Summary of a run that ended, or None: it may have been killed before its manifest said so.
+
+    Raises:
+        ArtifactError: it ended, and is not what was written.
+    """
+    if not (out / DESCRIPTION).exists():
         return None
+    if found := damage(out):
+        raise ArtifactError(f"{out} had ended, but {', '.join(found.values())}: `pipeline repair` keeps what is whole")
+    return dict(_told(out)["summary"])
+
+
+def damage(out: Path) -> dict[str, str]:
+    """Files of a run that has ended that are not what was written, and what is wrong with each."""
+    if not (out / DESCRIPTION).exists():
+        return {}
+    try:
+        told = _told(out)
+        files = [FileRef.model_validate(file) for file in told["files"]]
+        dict(told["summary"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {DESCRIPTION: f"{DESCRIPTION} is not what was written"}
+    return {file.path: found for file in files if (found := problem(out, file)) is not None}
+
+
+def _told(out: Path) -> dict[str, Any]:
+    """What was published of a run; one of many errors where it is not what was written."""
+    told: dict[str, Any] = json.loads((out / DESCRIPTION).read_bytes())
+    if told.pop("sha256") != _hash(told):
+        raise ValueError("it is not what was written")
+    return told
+
+
+def _hash(told: Mapping[str, object]) -> str:
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def _seal(data: bytes, position: Position, counts: dict[str, int]) -> str:

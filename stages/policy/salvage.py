@@ -57,7 +57,7 @@ def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whol
     points = {point.name: checkpoint.counts(run, point) for point in checkpoint.available(run)}
     usable = [name for name, counts in points.items() if counts is not None and _holds(whole, counts)]
     lost += [f"checkpoint {name}" for name in points if name not in usable]
-    if lost and checkpoint.published(run) is not None:
+    if lost and (run / checkpoint.DESCRIPTION).exists():
         lost.append("that the run has ended (its policy stays until it is trained anew)")
     return Whole(whole, tuple(parts), tuple(usable), _in_words(kept), tuple(lost))
 

@@ -30,6 +30,7 @@ def run(
     Each run's result goes to `finished` as soon as its group has ended: an interruption later does not touch it.
 
     Raises:
+        ArtifactError: a run that ended before its manifest said so is not what was written.
         ConfigError: a scheme needs an estimator and there is none.
         MachineError: no GPU where one was asked for, no OpenGL, or a worker died.
     """

@@ -135,6 +135,24 @@ def test_a_finished_run(run: Run, data: Path, monkeypatch: pytest.MonkeyPatch) -
     assert run("verify").exit_code == 0
 
 
+@pytest.mark.parametrize("name", ["checkpoints/policy.json", "checkpoints/policy.safetensors", "evaluations.parquet"])
+def test_a_run_that_was_killed_when_it_had_ended(run: Run, data: Path, name: str) -> None:
+    """Its manifest does not know its files yet: `--resume` looks itself, and `repair` is the way out."""
+    settings = [part for key, value in TRAINING.items() for part in ("--set", f"{key}={value}")]
+    training = ("train-policy", "--name", "n", *settings, "--set", "policy.episodes=2")
+    assert run(*training).exit_code == 0
+    edit_manifest(data / CELL, status="running", files=[], summary={})
+    assert answer(run("repair", CELL, "--json"))["is_whole"]
+    policy = (data / CELL / "checkpoints/policy.safetensors").read_bytes()
+    flip(data / CELL / name)
+    refused(run(*training, "--resume"), 3, "`pipeline repair`")
+    found = answer(run("repair", CELL, "--json"))
+    assert not found["is_whole"] and "trains it anew" in found["then"]
+    assert run(*training, "--resume").exit_code == 0
+    assert (data / CELL / "checkpoints/policy.safetensors").read_bytes() == policy
+    assert run("verify").exit_code == 0
+
+
 def test_a_damaged_recording_is_no_reason_to_train_again(run: Run, stages: Stages, data: Path) -> None:
     prepare(run, "collect", "train-perception", "train-policy")
     directory = data / "runs/default/reach-dense-orbit00-seed0"

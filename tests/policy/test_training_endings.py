@@ -1,5 +1,6 @@
 """The training loop on fake worlds: resuming changes nothing, and a run that fails takes no other with it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -137,6 +138,45 @@ class TestResume:
         (half / "td3.safetensors").write_bytes(b"")
         assert trained([spec]) == [result]
         assert before == {path: path.stat().st_mtime_ns for path in spec.out.rglob("*") if path.is_file()}
+
+    @pytest.mark.parametrize(
+        ("file", "damage"),
+        [
+            ("checkpoints/policy.safetensors", lambda data: data[:100]),
+            ("checkpoints/policy.safetensors", lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:]),
+            ("checkpoints/policy.json", lambda data: data.replace(b'"episodes": 6', b'"episodes": 7')),
+            ("checkpoints/policy.json", lambda data: b'{"summary": {"final_return": 999}}'),
+            ("checkpoints/policy.json", lambda data: b'{"summary": 3}'),
+            ("checkpoints/policy.json", lambda data: b"[]"),
+            ("checkpoints/policy.json", lambda data: b"null"),
+            ("checkpoints/policy.json", lambda data: data[:30]),
+        ],
+    )
+    def test_an_ended_run_whose_policy_is_damaged(
+        self, tmp_path: Path, file: str, damage: Callable[[bytes], bytes]
+    ) -> None:
+        """Neither is it taken for complete, nor trained again over the log of hours."""
+        [spec] = run_specs(tmp_path, ("dense",))
+        trained([spec])
+        before = (spec.out / file).read_bytes()
+        (spec.out / file).write_bytes(damage(before))
+        assert (spec.out / file).read_bytes() != before
+        logged = transitions(spec)["reward_used"].tolist()
+        with pytest.raises(ArtifactError, match=rf"had ended, but {file} .*: `pipeline repair`"):
+            trained([spec])
+        assert transitions(spec)["reward_used"].tolist() == logged
+
+    @pytest.mark.parametrize("name", ["transitions/part-00000.parquet", "episodes.parquet", "updates.parquet"])
+    def test_an_ended_run_whose_log_is_damaged(self, tmp_path: Path, name: str) -> None:
+        [spec] = run_specs(tmp_path, ("dense",))
+        trained([spec])
+        half = spec.out / "checkpoints" / "000006-000000"  # what `pipeline repair` may go on from
+        half.mkdir()
+        data = (spec.out / name).read_bytes()
+        (spec.out / name).write_bytes(data[:-100] + bytes([data[-100] ^ 1]) + data[-99:])
+        with pytest.raises(ArtifactError, match=rf"had ended, but {name} is not what was written: `pipeline repair`"):
+            trained([spec])
+        assert half.exists()
 
     def test_results_come_as_soon_as_a_group_has_ended(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """An interruption in the second group leaves the first group's results as they are."""
