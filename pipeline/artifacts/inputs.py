@@ -14,15 +14,15 @@ HASHED = (".parquet", ".json", ".safetensors", ".mcap")
 checksums of their own that hold."""
 
 
-def load_complete(root: Path, artifact_id: str, accepted: tuple[str, ...] = ("complete",)) -> Manifest:
-    """Manifest of an input whose status is `accepted`, its files verified.
+def load_complete(root: Path, artifact_id: str) -> Manifest:
+    """Manifest of an input that is complete, its files verified.
 
     Raises:
         ArtifactError: missing (lists what exists), not finished, damaged, foreign or of a newer schema version.
     """
     manifest = load(root, artifact_id)
     path = artifact_path(root, artifact_id)
-    if manifest.status not in accepted:
+    if manifest.status != "complete":
         state = "is not finished" if manifest.status == "running" else "failed"
         raise ArtifactError(
             f"{artifact_id} {state}: resume it with `pipeline {manifest.stage} … --resume`", awaited=True

@@ -37,6 +37,8 @@ class Request:
     """Values of keys that an older version did not know yet: what it did without them."""
     device: str = "cpu"
     """What its networks run on. Not its identity: either device's result is as good, but they round differently."""
+    grows: bool = False
+    """Some input is still being written: what was made of it may know less than there is by now."""
 
     @property
     def config_sha256(self) -> str:
@@ -49,6 +51,8 @@ class Request:
 
     def is_answered_by(self, manifest: Manifest) -> bool:
         """Nothing is to be done: a complete artifact of this config, made from these inputs, shows these studies."""
+        if self.grows:
+            return False
         shows_the_same = manifest.config.get(STUDIES) == self.config.get(STUDIES)
         return manifest.status == "complete" and manifest.inputs == self.inputs and shows_the_same
 

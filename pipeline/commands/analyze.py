@@ -25,8 +25,9 @@ def analyze(options: StageOptions, runs: tuple[str, ...], estimators: tuple[str,
     Writes reports/NAME. Without --runs and --estimators: on everything that is finished. A report whose inputs have
     changed is made anew.
 
-    Of a NAME only the finished runs count. With one --runs NAME the report also answers the studies of the
-    configuration whose runs lie beside it, NAME-STUDY-VALUE.
+    Of a NAME only the finished runs count. Where none is finished, and of NAME/CELL, the report is on what is there:
+    of a run that is being trained the whole episodes up to now. With one --runs NAME the report also answers the
+    studies of the configuration whose runs lie beside it, NAME-STUDY-VALUE.
     """
     from pipeline.commands.results import note_left_out, report_json, session, show_outcome, show_plan
     from pipeline.evidence import check_directory, copy_evidence, planned_copy

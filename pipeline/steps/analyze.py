@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.artifacts.inputs import input_ref, load, load_complete
+from pipeline.artifacts.inputs import input_ref, load, load_complete, load_shown
 from pipeline.artifacts.names import existing_ids, split_id
 from pipeline.artifacts.store import Build, Request
 from pipeline.steps import studies
@@ -33,19 +33,21 @@ class Subject:
 def subject(session: Session, runs: Sequence[str], estimators: Sequence[str], base: str | None = None) -> Subject:
     """Runs (NAME means its finished cells, NAME/CELL that one) and estimators to report on; both empty: all there is.
 
+    Where no run is finished it is those that are being trained, as far as they have come; so is NAME/CELL.
+
     The configuration's studies whose runs lie beside the matrix `base` come with it, so do the estimators that runs
     used, unless they are gone.
 
     Raises:
-        ArtifactError: a name that is not there, a NAME of which nothing is finished, or nothing finished at all.
+        ArtifactError: a name that is not there, or nothing at all.
     """
     root = session.root
     told = studies.finished(session, base) if base else Reported([], [], [])
     if not runs and not estimators:
-        cells, left_out = _finished(root, existing_ids(root, "runs"))
+        cells, left_out = _reported(root, existing_ids(root, "runs"))
         made = [each for each in existing_ids(root, "estimators") if load(root, each).status == "complete"]
         if not cells and not made:
-            raise ArtifactError(f"nothing to analyze under {root}: no finished run and no finished estimator")
+            raise ArtifactError(f"nothing to analyze under {root}: no run and no finished estimator")
         return Subject(cells, made, told, left_out)
     cells, left_out = [], []
     for name in runs:
@@ -65,9 +67,11 @@ def _used(root: Path, cells: Sequence[str]) -> list[str]:
     return [ref.id for cell in cells for ref in load(root, cell).inputs if ref.id in there]
 
 
-def _finished(root: Path, cells: Sequence[str]) -> tuple[list[str], list[LeftOut]]:
-    """Those that are finished, and how many of each NAME are not."""
+def _reported(root: Path, cells: list[str]) -> tuple[list[str], list[LeftOut]]:
+    """Those that are finished, and how many of each NAME are not; where none is, all as far as they have come."""
     finished = [each for each in cells if load(root, each).status in FINISHED]
+    if not finished:
+        return cells, []
     left_out = []
     for name in dict.fromkeys(each.rpartition("/")[0] for each in cells):
         of, done = (sum(each.startswith(f"{name}/") for each in group) for group in (cells, finished))
@@ -77,7 +81,7 @@ def _finished(root: Path, cells: Sequence[str]) -> tuple[list[str], list[LeftOut
 
 
 def expand(root: Path, name: str) -> tuple[list[str], list[LeftOut]]:
-    """Ids of the cells that NAME or NAME/CELL means; of a NAME only the finished ones, and what is left out."""
+    """Ids of the cells that NAME or NAME/CELL means, and what is left out of a NAME that is finished in part."""
     name = name.removeprefix("runs/").strip("/")
     there = existing_ids(root, "runs")
     if f"runs/{name}" in there:
@@ -86,19 +90,18 @@ def expand(root: Path, name: str) -> tuple[list[str], list[LeftOut]]:
     if not cells:
         names = ", ".join(sorted({split_id(each)[1][0] for each in there})) or "no runs"
         raise ArtifactError(f"no run {name!r} under {root}; there: {names}", awaited=True)
-    finished, left_out = _finished(root, cells)
-    if not finished:
-        raise ArtifactError(f"none of the {len(cells)} runs of {name} is finished: nothing to report yet", awaited=True)
-    return finished, left_out
+    return _reported(root, cells)
 
 
 def request(session: Session, name: str, subject: Subject) -> Request:
-    """The report asked for, every input verified and pinned."""
-    for each in subject.ids:
-        load_complete(session.root, each, accepted=FINISHED if each.startswith("runs/") else ("complete",))
+    """The report asked for, every input verified and pinned, but for the files of a run that is being trained."""
+    runs = [load_shown(session.root, each) for each in subject.ids if each.startswith("runs/")]
+    for each in subject.estimators:
+        load_complete(session.root, each)
     config = AnalyzeStageConfig(analyze=session.config.analyze).model_dump(mode="json")
     inputs = [input_ref(session.root, each) for each in subject.ids]
-    return Request(f"reports/{name}", {**config, **subject.studies.as_config()}, inputs)
+    grows = any(each.status == "running" for each in runs)
+    return Request(f"reports/{name}", {**config, **subject.studies.as_config()}, inputs, grows=grows)
 
 
 def analyze(session: Session, name: str, subject: Subject) -> Outcome:

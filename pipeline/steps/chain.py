@@ -138,10 +138,11 @@ def _planned_report(session: Session, name: str, matrices: Sequence[Matrix]) -> 
     def requests() -> list[Request]:
         subject = analyze.subject(session, _cells(session, name), [name], base=name)
         wanted = {each for matrix in matrices[1:] for each in _cells(matrix.session, matrix.name)}
-        if not wanted <= set(subject.studies.runs):
-            raise ArtifactError("not all runs of the studies are finished", awaited=True)
+        request = analyze.request(session, name, subject)
+        if request.grows or not wanted <= set(subject.studies.runs):
+            raise ArtifactError("not all runs are finished", awaited=True)
         left_out.extend(subject.left_out)
-        return [analyze.request(session, name, subject)]
+        return [request]
 
     steps = _planned(session, [f"reports/{name}"], requests)
     return [*(each.planned() for each in left_out), *steps]

@@ -1,8 +1,10 @@
 """A damaged artifact becomes an unfinished one: what is whole stays, `--resume` makes the rest."""
 
 import shutil
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pipeline.artifacts.inputs import load
@@ -10,11 +12,16 @@ from pipeline.artifacts.lock import ArtifactLock
 from pipeline.artifacts.manifests import MANIFEST, write_manifest
 from pipeline.artifacts.names import split_id
 from pipeline.artifacts.store import BEFORE_REPAIR, Store, check_links
-from schemas.errors import ConfigError
-from schemas.files import leads_out, write_bytes
+from schemas.errors import ArtifactError, ConfigError
+from schemas.files import leads_out, read_parquet, write_bytes
 from schemas.integrity import check_config, problem
 from schemas.manifest import Manifest
+from schemas.mcap_files import read_messages
 
+_READ: dict[str, Callable[[Path], object]] = {
+    ".parquet": read_parquet,
+    ".mcap": lambda path: deque(read_messages(path), maxlen=0),
+}
 _ADDITIONS = ("recordings/", "failure/")
 """What a run has besides its log and weights: it is whole without."""
 _THEN = {
@@ -40,8 +47,10 @@ class Repaired:
     def message(self) -> str:
         """A sentence for a person."""
         if not self.lost:
-            return f"{self.id}: {self.kept}, nothing is damaged"
-        return f"{self.id}: {self.kept} kept; dropped: {'; '.join(self.lost)}" + (f"; {self.then}" if self.then else "")
+            found = f"{self.id}: {self.kept}, nothing is damaged"
+        else:
+            found = f"{self.id}: {self.kept} kept; dropped: {'; '.join(self.lost)}"
+        return found + (f"; {self.then}" if self.then else "")
 
 
 def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
@@ -62,6 +71,8 @@ def repair(store: Store, artifact_id: str, dry_run: bool) -> Repaired:
         path = store.path(artifact_id)
         if manifest.status == "running":
             check_links(path)
+        if manifest.status == "running" and kind != "runs":
+            return _unlisted(store, manifest, dry_run)
         damaged = {file.path: found for file in manifest.files if (found := problem(path, file)) is not None}
         return (_run if kind == "runs" else _files)(store, manifest, damaged, dry_run)
     finally:
@@ -72,12 +83,30 @@ def _files(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run
     """Of files that are made one by one those that are whole stay."""
     whole = [file for file in manifest.files if file.path not in damaged]
     kept = f"{len(whole):,} of {len(manifest.files):,} files"
-    if manifest.status == "running":
-        kept = "not finished: --resume looks at each file itself"
     if damaged and not dry_run:
         _drop(store, manifest, damaged)
         _unfinished(store, manifest, damaged.values())
     return Repaired(manifest.id, kept, tuple(damaged.values()), _THEN[split_id(manifest.id)[0]] if damaged else "")
+
+
+def _unlisted(store: Store, manifest: Manifest, dry_run: bool) -> Repaired:
+    """Of what is not finished no hashes are known: what counts is whether a file can be read to its end."""
+    path = store.path(manifest.id)
+    files = [each for each in sorted(path.rglob("*")) if each.suffix in _READ and not each.name.startswith(".")]
+    damaged = [each.relative_to(path).as_posix() for each in files if not _is_readable(each)]
+    if not dry_run:
+        _drop(store, manifest, damaged)
+    kept = f"{len(files) - len(damaged):,} of {len(files):,} Parquet and MCAP files, not finished"
+    then = _THEN[split_id(manifest.id)[0]] if damaged else "--resume goes on, and looks at checkpoints itself"
+    return Repaired(manifest.id, kept, tuple(f"{each} cannot be read to its end" for each in damaged), then)
+
+
+def _is_readable(path: Path) -> bool:
+    try:
+        _READ[path.suffix](path)
+    except ArtifactError:
+        return False
+    return True
 
 
 def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: bool) -> Repaired:

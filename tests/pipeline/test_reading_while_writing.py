@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.pipeline.fakes import Run
+from tests.pipeline.fakes import Run, answer
 from tests.pipeline.tiny_pipeline import ARTIFACTS, SETTINGS, arguments
 
 RUN, STEPS = ARTIFACTS["train-policy"], SETTINGS["world.horizon"]
@@ -44,6 +44,7 @@ def test_at_any_moment(run: Run, data: Path, tmp_path: Path) -> None:
     training = subprocess.Popen([sys.executable, "-m", "pipeline", *command])
     try:
         seen: list[int] = []
+        reports: list[str] = []
         wait_for(training, (data / RUN / "manifest.json").exists)
         while training.poll() is None:
             found = asked(run, EPISODES)
@@ -55,11 +56,15 @@ def test_at_any_moment(run: Run, data: Path, tmp_path: Path) -> None:
             if found["episodes"] > 2 and not (tmp_path / "a.rrd").exists():
                 viewed = run("view", RUN, "--split", "train", "--episode", "1", "--save", tmp_path / "a.rrd")
                 assert viewed.exit_code == 0, viewed.output
+            if len(reports) < 3:
+                made = answer(run("analyze", "--runs", RUN, "--set", "analyze.bootstrap_samples=100", "--json"))
+                reports.append((Path(made["path"]) / "report.html").read_text())
     finally:
         training.kill()
     assert training.returncode == 0
     assert seen == sorted(seen) and len(set(seen)) > 3, "it was looked at while it grew"
     assert asked(run, EPISODES)["episodes"] == 120
+    assert len(reports) == 3 and all("1 run still training: the numbers are as of now" in page for page in reports)
 
 
 def test_a_second_writer_is_told_who_the_first_is(run: Run, data: Path) -> None:

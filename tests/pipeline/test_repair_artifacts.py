@@ -2,6 +2,7 @@
 finds the artifact that it knew."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from tests.pipeline.conftest import edit_manifest
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 from tests.pipeline.test_full_disk import CELL
 from tests.pipeline.test_full_disk import TINY as TRAINING
+from tests.pipeline.tiny_pipeline import check_resumed
 
 STEPS = 60
 
@@ -109,6 +111,28 @@ def test_what_repair_is_not_for(run: Run, stages: Stages) -> None:
     refused(run("repair", "datasets/none"), 3, "does not exist")
     refused(run("repair", "datasets/default", "-o", "x"), 2, "-o is for FILE.mcap")
     refused(run("repair", "x.mcap", "--dry-run"), 2, "--dry-run is for artifacts")
+
+
+def test_a_dataset_that_was_interrupted(run: Run, whole: Path, data: Path) -> None:
+    """Its manifest lists nothing yet: what cannot be read is dropped, and only that is made again."""
+    shutil.copytree(whole / "datasets", data / "datasets")
+    made, repairing = data / "datasets/n", ("repair", "datasets/n", "--json")
+    edit_manifest(made, status="running", files=[])
+    (made / "frames.parquet").unlink()
+    found = answer(run(*repairing))
+    assert (found["kept"], found["is_whole"]) == ("12 of 12 Parquet and MCAP files, not finished", True)
+    cut = made / "episodes/episode-000003.mcap"
+    cut.write_bytes(cut.read_bytes()[:-1000])
+    for options in (["--dry-run"], []):
+        assert cut.exists()
+        found = answer(run(*repairing, *options))
+        assert found["lost"] == ["episodes/episode-000003.mcap cannot be read to its end"]
+        assert (found["kept"], found["then"]) == (
+            "11 of 12 Parquet and MCAP files, not finished",
+            "the command that made it, with --resume, collects what is missing",
+        )
+    assert len(list(made.glob("episodes/*.mcap"))) == 11 and not cut.exists()
+    check_resumed(whole, data, "collect")
 
 
 def test_a_finished_run(run: Run, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,16 +39,33 @@ def test_what_is_left_out_is_said(run: Run, partial: None, named: tuple[str, ...
     assert run("analyze", *named, "--quiet").output == ""
 
 
-def test_an_unfinished_run_that_is_named_is_refused(run: Run, partial: None) -> None:
-    named = ("--runs", DENSE.removeprefix("runs/"))
-    refused(run("analyze", *named), 3, f"{DENSE} is not finished: resume it with `pipeline train-policy")
+def test_a_run_that_is_being_trained_is_reported_on_when_it_is_named(run: Run, stages: Stages, partial: None) -> None:
+    """Each time anew: its manifest does not tell how far it has come."""
+    for _ in range(2):
+        made = answer(run("analyze", "--runs", DENSE.removeprefix("runs/"), "--json"))
+        assert (made["did"], made["left_out"]) == ("made", [])
+    assert stages.options["analyze"]["runs"] == [DENSE.removeprefix("runs/")]
+    assert stages.options["analyze"]["left_out"] == {}
 
 
-def test_a_matrix_of_which_nothing_is_finished(
-    run: Run, partial: None, store: Store, edit: Callable[..., None]
+@pytest.mark.parametrize("named", [(), ("--runs", "default")])
+def test_where_nothing_is_finished_the_report_is_on_what_is_there(
+    run: Run, stages: Stages, partial: None, store: Store, edit: Callable[..., None], named: tuple[str, ...]
 ) -> None:
     edit(store.path(ORACLE), status="running", files=[])
-    refused(run("analyze", "--runs", "default"), 3, "none of the 2 runs of default is finished")
+    assert answer(run("analyze", *named, "--json"))["left_out"] == []
+    assert stages.options["analyze"]["runs"] == [each.removeprefix("runs/") for each in (DENSE, ORACLE)]
+
+
+def test_the_plan_of_a_chain_waits_for_its_runs(
+    run: Run, stages: Stages, store: Store, edit: Callable[..., None]
+) -> None:
+    """It reports on what it has trained, whatever `analyze` would make of it by now."""
+    chain = ("run", "demo", *TINY)
+    assert run(*chain).exit_code == 0
+    edit(store.path(DENSE.replace("default", "demo")), status="running", files=[])
+    plan = answer(run(*chain, "--dry-run", "--json"))["plan"]
+    assert {step["id"]: step["plan"] for step in plan}["reports/demo"] == "make, once its inputs are there"
 
 
 def test_a_report_follows_a_matrix_that_grows(
