@@ -40,7 +40,7 @@ def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behavio
     """Run `steps` control steps.
 
     Raises:
-        MachineError: the simulation became unstable.
+        MachineError: the simulation became unstable, or the behaviour's action is no number.
     """
     state = world.reset(initial_state)
     initial, success = take_snapshot(world, 0, state), False
@@ -51,8 +51,9 @@ def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behavio
             kept.append(take_snapshot(world, step, state))
         times.append(int(state["time_ns"]))
         actions[step] = behaviour.act(world, state)
-        state = world.step(actions[step])
-        _check_stable(state, plan, step)
+        diverged = not np.isfinite(actions[step]).all()
+        state = state if diverged else world.step(actions[step])
+        _check_stable(state, diverged, plan, step)
         success |= is_success(plan.task, state)
     return Episode(times, actions, initial, kept, success)
 
@@ -72,10 +73,11 @@ def is_success(task: str, state: np.void) -> bool:
     return bool(state["touched"]) or bool(np.linalg.norm(state["eef"] - state["cube_position"]) <= REACHED)
 
 
-def _check_stable(state: np.void, plan: EpisodePlan, step: int) -> None:
-    if state["unstable"]:
+def _check_stable(state: np.void, diverged: bool, plan: EpisodePlan, step: int) -> None:
+    if diverged or state["unstable"]:
+        what = "the action is not a number" if diverged else "the simulation became unstable"
+        other = "policy" if diverged else "collect.seed or a lower world.max_joint_velocity"
         raise MachineError(
-            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): the simulation became unstable at step {step}; "
-            "finished episodes are kept; collect under another name with another collect.seed or "
-            "a lower world.max_joint_velocity"
+            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): {what} at step {step}; "
+            f"finished episodes are kept; collect under another name with another {other}"
         )

@@ -31,6 +31,13 @@ class Still:
         return np.zeros(8 if task == "lift" else 7, np.float32)
 
 
+class Overflown(Still):
+    """An actor whose numbers became too large."""
+
+    def act(self, state: np.void, task: str) -> np.ndarray:
+        return super().act(state, task) * np.nan
+
+
 class Deadly:
     """An actor whose process is killed, as the kernel does when memory runs out."""
 
@@ -126,6 +133,13 @@ def test_unstable_simulation_names_the_episode(
     with pytest.raises(MachineError, match=r"episode 1 \(lift, .*unstable at step 0"):
         collect(tiny())
     assert [path.name for path in (tmp_path / "out" / "episodes").iterdir()] == ["episode-000000.mcap"]
+
+
+def test_a_policy_whose_action_is_no_number(collect: Collect, tmp_path: Path) -> None:
+    """Finite weights may overflow."""
+    with pytest.raises(MachineError, match=r"episode 0 \(.*, policy\): the action is not a number at step 0; .*policy$"):
+        collect(tiny(random_fraction=0.0), actor=Overflown)
+    assert list((tmp_path / "out" / "episodes").iterdir()) == []
 
 
 def test_a_full_disk_keeps_no_halves(collect: Collect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
