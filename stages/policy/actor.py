@@ -1,5 +1,6 @@
 """A trained policy from its run's artifact, for collecting data with it."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError
-from stages.policy.observation import observe
+from stages.policy.observation import observation_dim, observe
 from stages.sim.config import TaskName
 
 
@@ -20,6 +21,14 @@ class _Description(BaseModel):
     hidden: tuple[int, ...]
     proprioception: Literal["forward_kinematics", "joints"]
     task: TaskName
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the actor's tensors by name, first layer to last."""
+        sizes = (observation_dim(self.proprioception), *self.hidden, 8 if self.task == "lift" else 7)
+        found: dict[str, tuple[int, ...]] = {}
+        for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
+            found |= {f"actor.{layer}.weight": (inputs, outputs), f"actor.{layer}.bias": (outputs,)}
+        return found
 
 
 class PolicyActor:
@@ -54,9 +63,19 @@ def load_actor(run: Path) -> PolicyActor:
     directory = run / "checkpoints"
     try:
         description = _Description.model_validate_json((directory / "policy.json").read_bytes())
-        tensors = load_file(directory / "policy.safetensors")
-        count = len(description.hidden) + 1
-        layers = [(tensors[f"actor.{i}.weight"], tensors[f"actor.{i}.bias"]) for i in range(count)]
-        return PolicyActor(layers, description.proprioception, description.task)
+        file = directory / "policy.safetensors"
+        tensors = load_file(file)
+        layers = [_checked(tensors[name], shape, f"{file}: {name}") for name, shape in description.shapes().items()]
+        pairs = list(zip(layers[::2], layers[1::2], strict=True))
+        return PolicyActor(pairs, description.proprioception, description.task)
     except (OSError, ValueError, KeyError, SafetensorError) as error:
         raise ArtifactError(f"{run} holds no policy ({error}); finish it with train-policy --resume") from error
+
+
+def _checked(values: torch.Tensor, shape: tuple[int, ...], what: str) -> torch.Tensor:
+    if values.dtype != torch.float32 or values.shape != shape:
+        found = f"{values.dtype} {tuple(values.shape)}"
+        raise ArtifactError(f"{what} is {found}, policy.json asks for {torch.float32} {shape}; train the run again")
+    if not values.isfinite().all():
+        raise ArtifactError(f"{what} is not finite, it would act on no number; train the run again")
+    return values

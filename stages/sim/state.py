@@ -13,7 +13,7 @@ _STATE_SPEC = int(mujoco.mjtState.mjSTATE_FULLPHYSICS) | int(mujoco.mjtState.mjS
 # By default MuJoCo writes warnings into MUJOCO_LOG.TXT of the working directory; they are read from MjData instead.
 mujoco.set_mju_user_warning(lambda _: None)
 
-_BAD = [mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC]
+_BAD = [getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}") for what in ("QPOS", "QVEL", "QACC", "CTRL")]
 
 STATE_DTYPE = np.dtype(
     [
@@ -53,5 +53,5 @@ def unpack_state(model: Any, data: Any, state: np.ndarray) -> None:
 
 
 def is_unstable(data: Any) -> bool:
-    """Whether MuJoCo found a bad number since the last reset (it then resets the scene by itself)."""
+    """Whether MuJoCo found a bad number since the last reset (it then resets the scene, or the control, by itself)."""
     return any(data.warning[kind].number for kind in _BAD) or not np.isfinite(data.qpos).all()

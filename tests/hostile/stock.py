@@ -85,7 +85,8 @@ def _write_policy(run: Path) -> None:
     """The policy of a finished run, as `collect --policy` reads it."""
     directory = run / "checkpoints"
     directory.mkdir()
-    layers = {f"actor.{i}.{part}": torch.zeros(8) for i in range(2) for part in ("weight", "bias")}
+    shapes = {"0.weight": (24, 8), "0.bias": (8,), "1.weight": (8, 7), "1.bias": (7,)}
+    layers = {f"actor.{name}": torch.zeros(shape) for name, shape in shapes.items()}
     save_file(layers, directory / "policy.safetensors")
     described = {"hidden": [8], "proprioception": "forward_kinematics", "task": "reach", "summary": {}}
     (directory / "policy.json").write_text(json.dumps(described))

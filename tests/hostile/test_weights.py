@@ -129,6 +129,24 @@ def test_weights_of_a_policy(ground: Ground, name: str) -> None:
     assert "holds no policy" in said
 
 
+NO_NUMBERS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "not finite": lambda values: values.index_fill(0, torch.tensor([0]), float("nan")),
+    "torch.int64 (24, 8)": torch.Tensor.long,
+    "torch.float32 (8, 24)": lambda values: values.T.contiguous(),
+    "torch.float32 (24, 7)": lambda values: values[:, :7].contiguous(),
+}
+
+
+@pytest.mark.parametrize("said", NO_NUMBERS)
+def test_a_policy_that_knows_no_number(ground: Ground, said: str) -> None:
+    """Once a dataset of actions that are none was collected, and counted as complete."""
+    tensors = load_file(ground.data / LEARNT / "checkpoints/policy.safetensors")
+    tensors["actor.0.weight"] = NO_NUMBERS[said](tensors["actor.0.weight"])
+    artifact = ground.data / LEARNT
+    refused = _refused_although_sealed(ground, artifact, "checkpoints/policy.safetensors", save(tensors), ACT)
+    assert f"actor.0.weight is {said}" in refused and "train the run again" in refused
+
+
 POLICIES = (b"{", b"[]", b"null", b'{"hidden": 3}', b'{"hidden": [8], "proprioception": 1, "task": []}', b"[" * 100_000)
 
 

@@ -152,6 +152,13 @@ def test_a_diverging_scene_says_so(scene: Scene) -> None:
     assert world.step(np.zeros(7))["unstable"]
 
 
+def test_an_action_that_is_no_number_says_so(scene: Scene) -> None:
+    """MuJoCo sets the control to zero by itself, and the arm would go on as if that had been asked for."""
+    world = World(scene, "reach")
+    world.reset(_initial(scene, "reach"))
+    assert world.step(np.full(7, np.nan))["unstable"]
+
+
 def test_a_state_of_another_scene_is_refused(scene: Scene) -> None:
     with pytest.raises(ArtifactError, match="another robot"):
         World(scene, "reach").reset(np.zeros(5))
