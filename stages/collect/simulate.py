@@ -37,7 +37,7 @@ class Episode:
 
 
 class UnstableError(DivergedError):
-    """The simulation became unstable by the last of `actions` (n, action_dim)."""
+    """The simulation became unstable, or its input no number, by the last of `actions` (n, action_dim)."""
 
     def __init__(self, message: str, actions: np.ndarray) -> None:
         super().__init__(message)
@@ -48,11 +48,7 @@ def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behavio
     """Run `steps` control steps.
 
     Raises:
-<<<<<<< HEAD
-        UnstableError: the simulation became unstable.
-=======
-        MachineError: the simulation became unstable, or the behaviour's action is no number.
->>>>>>> acf3d62ae265da9c2dcce9a00c09f58a6c6da001
+        UnstableError: the simulation became unstable, or the behaviour's action is no number.
     """
     state = world.reset(initial_state)
     initial, success = take_snapshot(world, 0, state), False
@@ -63,14 +59,9 @@ def simulate(world: World, plan: EpisodePlan, initial_state: np.ndarray, behavio
             kept.append(take_snapshot(world, step, state))
         times.append(int(state["time_ns"]))
         actions[step] = behaviour.act(world, state)
-<<<<<<< HEAD
-        state = world.step(actions[step])
-        _check_stable(state, plan, actions[: step + 1])
-=======
-        diverged = not np.isfinite(actions[step]).all()
-        state = state if diverged else world.step(actions[step])
-        _check_stable(state, diverged, plan, step)
->>>>>>> acf3d62ae265da9c2dcce9a00c09f58a6c6da001
+        is_number = bool(np.isfinite(actions[step]).all())
+        state = world.step(actions[step]) if is_number else state
+        _check_stable(state, is_number, plan, actions[: step + 1])
         success |= is_success(plan.task, state)
     return Episode(times, actions, initial, kept, success)
 
@@ -90,21 +81,12 @@ def is_success(task: str, state: np.void) -> bool:
     return bool(state["touched"]) or bool(np.linalg.norm(state["eef"] - state["cube_position"]) <= REACHED)
 
 
-<<<<<<< HEAD
-def _check_stable(state: np.void, plan: EpisodePlan, actions: np.ndarray) -> None:
-    if state["unstable"]:
+def _check_stable(state: np.void, is_number: bool, plan: EpisodePlan, actions: np.ndarray) -> None:
+    if state["unstable"] or not is_number:
+        what = "the simulation became unstable" if is_number else "the action is not a number"
+        other = "collect.seed or a lower world.max_joint_velocity" if is_number else "policy"
         raise UnstableError(
-            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): the simulation became unstable at step "
-            f"{len(actions) - 1}; finished episodes are kept; collect under another name with another collect.seed or "
-            "a lower world.max_joint_velocity",
+            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): {what} at step {len(actions) - 1}; "
+            f"finished episodes are kept; collect under another name with another {other}",
             actions,
-=======
-def _check_stable(state: np.void, diverged: bool, plan: EpisodePlan, step: int) -> None:
-    if diverged or state["unstable"]:
-        what = "the action is not a number" if diverged else "the simulation became unstable"
-        other = "policy" if diverged else "collect.seed or a lower world.max_joint_velocity"
-        raise MachineError(
-            f"episode {plan.episode} ({plan.task}, {plan.behaviour}): {what} at step {step}; "
-            f"finished episodes are kept; collect under another name with another {other}"
->>>>>>> acf3d62ae265da9c2dcce9a00c09f58a6c6da001
         )
