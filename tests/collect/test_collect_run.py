@@ -137,7 +137,7 @@ def test_unstable_simulation_names_the_episode(
 
 def test_a_policy_whose_action_is_no_number(collect: Collect, tmp_path: Path) -> None:
     """Finite weights may overflow."""
-    with pytest.raises(MachineError, match=r"episode 0 \(.*, policy\): the action is not a number at step 0; .*policy$"):
+    with pytest.raises(MachineError, match=r"episode 0 \(.*, policy\): the action is not a number at step 0;"):
         collect(tiny(random_fraction=0.0), actor=Overflown)
     assert list((tmp_path / "out" / "episodes").iterdir()) == []
 
