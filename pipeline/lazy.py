@@ -53,12 +53,14 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, command.summary) for name, command in self.lazy.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click's, but a reader that has read enough (`| head`) is no failure."""
+        """As click's, but a reader that has read enough (`| head`) is no failure, and a file that ends no interrupt."""
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
             return 0
+        except EOFError as error:  # click takes it for the end of what the user types
+            raise RuntimeError(f"end of a file: {error}") from error
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **options: Any) -> NoReturn:
         """Run and exit: 0, or the failure's exit code."""

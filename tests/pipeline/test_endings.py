@@ -26,6 +26,7 @@ from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
             4,
             "unexpected ZeroDivisionError: division by zero (--debug shows where)",
         ),
+        (EOFError("End of file"), 4, "unexpected RuntimeError: end of a file: End of file"),  # click: 130
         (KeyboardInterrupt(), 130, "the same command with --resume goes on from the last checkpoint"),
     ],
 )

@@ -1,6 +1,9 @@
 """A disk that fills up: what is whole stays, and the work goes on when there is room again."""
 
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +26,8 @@ from tests.pipeline.tiny_pipeline import (
     size,
     small_disk,
 )
+from tests.replay.tiny_run import CELL as RUN_CELL
+from tests.replay.tiny_run import RUN_NAME, make_dataset, make_run
 
 TINY = {
     **{"policy.schemes": '["oracle"]', "policy.episodes": "14", "policy.warmup_episodes": "1"},
@@ -31,6 +36,7 @@ TINY = {
     **{"policy.processes": "1", "policy.workers": "0"},
 }
 CELL = "runs/n/reach-oracle-orbit00-seed0"
+NO_ROOM = r"Error: cannot write /\S+/x: .*No space left on device; free space, or name another place with -o\n"
 
 
 def train(data: Path, *more: str) -> Result:
@@ -124,4 +130,38 @@ def test_a_recording(tmp_path: Path) -> None:
             for number in range(4):
                 recording.set_time("step", sequence=number)
                 recording.log("picture", rr.Image(noise))
+        assert list(disk.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run, and a dataset with images."""
+    data = tmp_path_factory.mktemp("export") / "data"
+    make_dataset(make_run(data), data / "datasets" / "tiny")
+    return data
+
+
+@pytest.mark.parametrize("form", ["minari", "robomimic", "lerobot"])
+@pytest.mark.parametrize("artifact", [f"runs/{RUN_NAME}/{RUN_CELL}", "datasets/tiny"])
+def test_an_export(exported: Path, tmp_path: Path, artifact: str, form: str) -> None:
+    """Wherever it ends: at the first write, between two, and when the last of it leaves a buffer."""
+    command = ["export", artifact, "--format", form, "--data", str(exported), "-o"]
+    assert CliRunner().invoke(cli, [*command, str(tmp_path / "whole")]).exit_code == 0
+    files = [path for path in (tmp_path / "whole", *(tmp_path / "whole").rglob("*")) if path.is_file()]
+    needed = sum(path.stat().st_size for path in files)
+    with small_disk(tmp_path / "disk", needed) as disk:
+        for room in np.linspace(8192, needed - 8192, 8).astype(int).tolist():
+            remount(disk, f"size={room}")
+            full = CliRunner().invoke(cli, [*command, str(disk / "x")])
+            assert full.exit_code == 4 and re.fullmatch(NO_ROOM, full.stderr), (room, full.output)
+            assert list(disk.iterdir()) == [], room
+
+
+@pytest.mark.parametrize("form", ["minari", "robomimic", "lerobot"])
+def test_the_process_of_an_export_ends_well(exported: Path, tmp_path: Path, form: str) -> None:
+    """HDF5 crashed it at its end."""
+    with small_disk(tmp_path / "disk", 16 * 1024) as disk:
+        command = [sys.executable, "-m", "pipeline", "export", "datasets/tiny", "--format", form, "-o", disk / "x"]
+        full = subprocess.run([*command, "--data", exported], capture_output=True, text=True)
+        assert full.returncode == 4 and re.fullmatch(NO_ROOM, full.stderr), full
         assert list(disk.iterdir()) == []

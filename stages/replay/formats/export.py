@@ -101,4 +101,5 @@ def _published(target: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(hidden, ignore_errors=True)
     except OSError as error:
-        raise MachineError(f"cannot write {target}: {error.strerror or error}") from error
+        reason = error.strerror or error
+        raise MachineError(f"cannot write {target}: {reason}; free space, or name another place with -o") from error

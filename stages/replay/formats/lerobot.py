@@ -82,8 +82,10 @@ class LeRobotWriter:
 
     def close(self) -> None:
         """Close the files."""
-        self._data.close()
-        self._videos.close()
+        try:
+            self._data.close()
+        finally:
+            self._videos.close()
 
     def _indices(self, episode: Episode) -> dict[str, np.ndarray]:
         """Columns that LeRobot finds rows by, (n,)."""

@@ -1,5 +1,6 @@
 """LeRobot's numbered files: Parquet and MP4 that hold many episodes each, up to a size."""
 
+from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -57,9 +58,9 @@ class TableFiles:
 
     def close(self) -> None:
         """Close the present file."""
-        if self._writer:
-            self._writer.close()
-        self._path = self._writer = None
+        writer, self._writer, self._path = self._writer, None, None  # one that cannot be closed is not tried again
+        if writer:
+            writer.close()
 
 
 class VideoFiles:
@@ -80,23 +81,23 @@ class VideoFiles:
             self._open(*frames.shape[1:3])
         first = self._frames
         for frame in frames:
-            self._write(av.VideoFrame.from_ndarray(frame, format="rgb24"))
+            self._write(self._container, av.VideoFrame.from_ndarray(frame, format="rgb24"))
         self._frames += len(frames)
         return Place.of(self._index), first / CONTROL_FREQUENCY, self._frames / CONTROL_FREQUENCY
 
     def close(self) -> None:
         """Finish the present file."""
-        if self._container:
-            self._write(None)
-            self._container.close()
-        self._container = None
+        container, self._container = self._container, None  # one that cannot be closed is not tried again
         self._frames = self._bytes = 0
+        if container:
+            with closing(container):
+                self._write(container, None)
 
-    def _write(self, frame: av.VideoFrame | None) -> None:
+    def _write(self, container: Any, frame: av.VideoFrame | None) -> None:
         """Encode a frame; None: what the encoder still holds back."""
         for packet in self._stream.encode(frame):
             self._bytes += packet.size
-            self._container.mux(packet)
+            container.mux(packet)
 
     def _open(self, height: int, width: int) -> None:
         path = Place.of(self._index).path(self._directory, ".mp4")

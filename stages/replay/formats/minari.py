@@ -13,6 +13,7 @@ import numpy as np
 
 from schemas.errors import ConfigError
 from stages.replay.formats.episodes import Episode, Source
+from stages.replay.formats.hdf5 import HDF5File
 
 _STANDARD = "0.5.4"  # version of Minari whose layout this is
 
@@ -28,7 +29,7 @@ class MinariWriter:
     def __init__(self, source: Source, path: Path) -> None:
         self._source, self._data = source, path / "data"
         self._data.mkdir(parents=True)
-        self._file = h5py.File(self._data / "main_data.hdf5", "w", track_order=True)
+        self._file = HDF5File(self._data / "main_data.hdf5", track_order=True)
         self._episodes = self._steps = 0
         self._spaces: dict[str, str] = {}
 
@@ -37,7 +38,7 @@ class MinariWriter:
         n = episode.length if episode.is_closed else episode.length - 1
         if n < 1:
             return 0
-        group = self._file.create_group(f"episode_{self._episodes}")
+        group = self._file.root.create_group(f"episode_{self._episodes}")
         group.attrs.update({"id": self._episodes, "total_steps": n, "split": episode.split, "task": episode.task})
         group.attrs.update(_reward_figures(episode.rewards[:n]))
         _write_observations(group, {key: rows[: n + 1] for key, rows in episode.observations.items()})
@@ -48,6 +49,7 @@ class MinariWriter:
             group.create_dataset(key, data=values[:n], chunks=True, maxshape=(None, *values.shape[1:]))
         for key, values in {"step": episode.steps, **episode.signals}.items():
             group.create_dataset(f"infos/{key}", data=_with_reset(values[:n]))
+        self._file.check()
         self._spaces = self._spaces or _spaces(episode)
         self._episodes, self._steps = self._episodes + 1, self._steps + n
         return n
@@ -60,7 +62,7 @@ class MinariWriter:
         """
         if not self._episodes:
             raise ConfigError(f"{self._source.id}: its episodes have one frame each, Minari needs two: try lerobot")
-        self._file.flush()
+        self._file.root.flush()
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", self._source.id.partition("/")[2])
         metadata = {
             "dataset_id": f"dense2sparse/{name}-v0",

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from stages.replay.formats.episodes import Episode, Source
+from stages.replay.formats.hdf5 import HDF5File
 from stages.sim.config import WorldConfig
 from stages.sim.scene import build_scene
 
@@ -25,8 +26,8 @@ class RobomimicWriter:
 
     def __init__(self, source: Source, path: Path) -> None:
         self._source, self._world = source, WorldConfig.model_validate(source.world)
-        self._file = h5py.File(path, "w")
-        self._data = self._file.create_group("data")
+        self._file = HDF5File(path)
+        self._data = self._file.root.create_group("data")
         self._samples = 0
         self._splits: dict[str, list[str]] = {}
 
@@ -44,6 +45,7 @@ class RobomimicWriter:
             _observation(demo, f"obs/{key}", values[:n])
             if episode.is_closed:
                 _observation(demo, f"next_obs/{key}", values[1:])
+        self._file.check()
         self._samples += n
         return n
 
@@ -53,7 +55,7 @@ class RobomimicWriter:
         self._data.attrs["env_args"] = json.dumps(_environment(self._world))
         self._data.attrs["source"] = self._source.id
         for split, names in self._splits.items():
-            self._file.create_dataset(f"mask/{split}", data=np.array(names, dtype="S"))
+            self._file.root.create_dataset(f"mask/{split}", data=np.array(names, dtype="S"))
 
     def close(self) -> None:
         """Close the file."""
