@@ -120,17 +120,18 @@ class Manifest(BaseModel):
 
 
 def _seal(content: dict[str, Any]) -> str:
-    return _canonical_sha256({key: value for key, value in content.items() if key != "seal"})
+    return canonical_sha256({key: value for key, value in content.items() if key != "seal"})
 
 
-def _canonical_sha256(content: dict[str, Any]) -> str:
+def canonical_sha256(content: dict[str, Any]) -> str:
+    """Hash of what JSON says of `content`, whatever the order of its keys."""
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def config_sha256(config: dict[str, Any]) -> str:
     """Hash of a resolved configuration, over its canonical JSON, without what cannot change the result."""
     identity = {key: value for key, value in flatten(config) if key not in (*PLACEMENT, STUDIES)}
-    return _canonical_sha256(identity)
+    return canonical_sha256(identity)
 
 
 def read_manifest(directory: Path) -> Manifest:

@@ -12,7 +12,7 @@ from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError
 from stages.policy.observation import observation_dim, observe
-from stages.sim.config import TaskName
+from stages.sim.config import TaskName, action_dim
 
 
 class _Description(BaseModel):
@@ -24,7 +24,7 @@ class _Description(BaseModel):
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Of the actor's tensors by name, first layer to last."""
-        sizes = (observation_dim(self.proprioception), *self.hidden, 8 if self.task == "lift" else 7)
+        sizes = (observation_dim(self.proprioception), *self.hidden, action_dim(self.task))
         found: dict[str, tuple[int, ...]] = {}
         for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
             found |= {f"actor.{layer}.weight": (inputs, outputs), f"actor.{layer}.bias": (outputs,)}

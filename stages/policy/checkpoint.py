@@ -15,7 +15,7 @@ from torch import Tensor
 from schemas.errors import ArtifactError
 from schemas.files import fsync_directory, write_bytes
 from schemas.integrity import file_ref, problem
-from schemas.manifest import FileRef
+from schemas.manifest import FileRef, canonical_sha256
 from stages.policy.td3 import TD3
 
 _DIGITS = 6 * "[0-9]"
@@ -141,7 +141,7 @@ def publish(out: Path, td3: TD3, row: int, description: Mapping[str, object]) ->
     write_bytes(tensors_io.save(tensors), directory / "policy.safetensors")
     files = [directory / "policy.safetensors", *sorted(out.rglob("*.parquet"))]
     told = {**description, "files": [file_ref(out, path).model_dump() for path in files]}
-    write_bytes(json.dumps({**told, "sha256": _hash(told)}, indent=2).encode(), out / DESCRIPTION)
+    write_bytes(json.dumps({**told, "sha256": canonical_sha256(told)}, indent=2).encode(), out / DESCRIPTION)
     drop_all(out)
 
 
@@ -179,13 +179,9 @@ def damage(out: Path) -> dict[str, str]:
 def _told(out: Path) -> dict[str, Any]:
     """What was published of a run; one of many errors where it is not what was written."""
     told: dict[str, Any] = json.loads((out / DESCRIPTION).read_bytes())
-    if told.pop("sha256") != _hash(told):
+    if told.pop("sha256") != canonical_sha256(told):
         raise ValueError("it is not what was written")
     return told
-
-
-def _hash(told: Mapping[str, object]) -> str:
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def _seal(data: bytes, position: Position, counts: dict[str, int]) -> str:

@@ -13,6 +13,11 @@ TaskName = Literal["reach", "lift"]
 MisalignmentKind = Literal["pan", "orbit"]
 
 
+def action_dim(task: str) -> int:
+    """The arm's joint velocities; in lift the gripper besides."""
+    return 8 if task == "lift" else 7
+
+
 class WorldConfig(Config):
     """Robot, cube and control."""
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from schemas.errors import MachineError
 from stages.sim.camera import CameraPose
-from stages.sim.config import WorldConfig
+from stages.sim.config import WorldConfig, action_dim
 from stages.sim.processes import interrupts_ignored, portable
 from stages.sim.shared import Arrays, Shared, allocate
 
@@ -98,7 +98,7 @@ class WorldPool:
     """
 
     def __init__(self, config: WorldConfig, task: str, worlds: int, view: View | None, workers: int) -> None:
-        self.action_dim = 8 if task == "lift" else 7
+        self.action_dim = action_dim(task)
         self._arrays, shared = allocate(worlds, view.image_size if view else None, self.action_dim)
         self.states, self.frames = self._arrays.states, self._arrays.frames
         self._arrays.active[:] = True

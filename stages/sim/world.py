@@ -5,6 +5,7 @@ from typing import cast
 import mujoco
 import numpy as np
 
+from stages.sim.config import action_dim
 from stages.sim.controller import JointVelocityController
 from stages.sim.gripper import gripper_control, gripper_point_offset, pad_distance
 from stages.sim.scene import Scene
@@ -25,7 +26,7 @@ class World:
     def __init__(self, scene: Scene, task: str, *, compiled: bool = True) -> None:
         """`compiled` or not, trajectories are the same bit for bit; for one episode it is faster not."""
         self.scene, self.task = scene, task
-        self.action_dim = 8 if task == "lift" else 7
+        self.action_dim = action_dim(task)
         self._data = mujoco.MjData(scene.model)
         self._controller = JointVelocityController(scene.gains, scene.arm_qvel, scene.arm_actuators, compiled=compiled)
         self._signals = TaskSignals(scene)

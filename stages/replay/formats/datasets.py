@@ -17,6 +17,7 @@ from schemas.mcap_files import TOPICS, read_messages, read_metadata
 from schemas.tables import FRAMES
 from stages.replay.formats.episodes import ENVIRONMENT_STATE, IMAGE, STATE, Episode, Source
 from stages.replay.parquet import check_schema
+from stages.sim.config import action_dim
 
 SPLITS = ("train", "validation", "test")
 _CLOSED = 1.0  # the gripper's command; in reach it stays closed and is no part of the action
@@ -41,7 +42,7 @@ def dataset_source(dataset: Path, split: str | None, limit: int | None, images: 
         raise ConfigError(f"{manifest.id} has no episode of the split {split}; there: {', '.join(SPLITS)}")
     total = len(files) if limit is None else min(limit, len(files))
     topics = [topic for topic in TOPICS if images or topic != mcap_topics.CAMERA_IMAGE]
-    width = 8 if "lift" in manifest.config.get("collect", {}).get("tasks", ()) else 7
+    width = max(action_dim(task) for task in ("reach", *manifest.config.get("collect", {}).get("tasks", ())))
 
     def read() -> Generator[Episode, None, None]:
         for file, of, number in islice(files, total):
