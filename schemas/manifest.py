@@ -113,6 +113,11 @@ class Manifest(BaseModel):
     summary: dict[str, Any] = {}
     seal: str | None = None  # SHA-256 of all the others, once the artifact is finished
 
+    @property
+    def origins(self) -> list[Origin]:
+        """Everything that made a part of it; last, what ended it."""
+        return [*self.resumed_from, Origin(code=self.code, environment=self.environment)]
+
     def sealed(self) -> "Manifest":
         """With the seal of what it says, or with none while it is running and says something else soon."""
         seal = None if self.status == "running" else _seal(from_json(self.model_dump_json()))

@@ -9,10 +9,11 @@ from pathlib import Path
 import jinja2
 
 from schemas.files import write_bytes
+from schemas.manifest import Code
 from stages.analyze import formats, paper, provenance, records
 from stages.analyze.derived import Derived, derive, estimator_errors
 from stages.analyze.limits import limits
-from stages.analyze.records import Provenance, Record
+from stages.analyze.records import Provenance
 from stages.analyze.region_sentences import region_sentences
 from stages.analyze.report import Contents
 from stages.analyze.resolved import config_toml
@@ -55,6 +56,7 @@ _ENVIRONMENT.filters |= formats.FILTERS | {"cell": lambda text: str(text).replac
 def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -> str:
     confidence = f"{100 * told.analysis.confidence:g} %"
     runs = rows_of(answers, "runs")
+    makers = [each for artifact in told.artifacts for each in artifact.makers]
     return _ENVIRONMENT.get_template("evidence.md.j2").render(
         names=sorted({row["name"] for row in runs if row["main"]}),
         runs=runs,
@@ -72,9 +74,9 @@ def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -
         volume=next(iter(rows_of(answers, "volume")), None),
         studies=told.asked,
         figures={figure.id: figure for figure in told.figures},
-        limits=limits(derived.groups, derived.of_studies, [each.code for each in told.artifacts], f"`{PROVENANCE}`"),
-        environments=provenance.environments([told.environments[each.environment] for each in told.artifacts]),
-        codes=_codes(told.artifacts),
+        limits=limits(derived.groups, derived.of_studies, [each.code for each in makers], f"`{PROVENANCE}`"),
+        environments=provenance.environments([told.environments[each.environment] for each in makers]),
+        codes=_codes([each.code for each in makers]),
         analysis=told.analysis,
         confidence=confidence,
         rules=RULES,
@@ -89,11 +91,10 @@ def _counts(derived: Derived) -> list[tuple[str, int]]:
     return [(verdict, verdicts.count(verdict)) for verdict in order if verdict in verdicts]
 
 
-def _codes(records: Sequence[Record]) -> list[tuple[str, int]]:
-    """Versions of the code and how many artifacts each made."""
+def _codes(codes: Sequence[Code]) -> list[tuple[str, int]]:
+    """Versions of the code and how many artifacts each made, or a part of."""
     said = [
-        f"{record.code.version}, commit {record.code.git_commit or 'unknown'}"
-        + (" with uncommitted changes" if record.code.dirty else "")
-        for record in records
+        f"{code.version}, commit {code.git_commit or 'unknown'}" + (" with uncommitted changes" if code.dirty else "")
+        for code in codes
     ]
     return [(code, said.count(code)) for code in dict.fromkeys(said)]

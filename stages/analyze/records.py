@@ -15,6 +15,14 @@ from stages.analyze.report import Contents
 from stages.analyze.studies import Study
 
 
+class Maker(BaseModel):
+    """What made a part of an artifact."""
+
+    model_config = ConfigDict(extra="forbid")
+    code: Code
+    environment: int  # place in the list of environments
+
+
 class Record(BaseModel):
     """One artifact as it was when its logs were asked."""
 
@@ -26,8 +34,14 @@ class Record(BaseModel):
     config_sha256: str
     code: Code
     environment: int  # place in the list of environments
+    resumed_from: list[Maker] = []  # what began it, where that was not what ended it
     inputs: list[InputRef]
     error: str | None  # why it failed
+
+    @property
+    def makers(self) -> list[Maker]:
+        """Everything that made a part of it, what ended it last."""
+        return [*self.resumed_from, Maker(code=self.code, environment=self.environment)]
 
 
 class Shown(BaseModel):
@@ -60,7 +74,9 @@ def of(contents: Contents) -> Provenance:
     """What provenance.json says of a report."""
     selection = contents.selection
     found = {artifact.id: artifact for artifact in [*selection.datasets, *contents.shown]}
-    environments = provenance.distinct([artifact.manifest.environment for artifact in found.values()])
+    environments = provenance.distinct(
+        [origin.environment for artifact in found.values() for origin in artifact.manifest.origins]
+    )
     figures = [Shown(id=figure.id, title=figure.title, caption=figure.caption) for figure in contents.figures]
     if contents.cameras:
         figures.append(Shown(id=cameras.ID, title=cameras.TITLE, caption=cameras.CAPTION))
@@ -85,6 +101,10 @@ def _record(artifact: Artifact, environments: Sequence[Environment]) -> Record:
         config_sha256=manifest.config_sha256,
         code=manifest.code,
         environment=environments.index(manifest.environment),
+        resumed_from=[
+            Maker(code=before.code, environment=environments.index(before.environment))
+            for before in manifest.resumed_from
+        ],
         inputs=manifest.inputs,
         error=None if error is None else str(error),
     )

@@ -87,7 +87,9 @@ def render(contents: Contents) -> str:
         limits=_limits(contents),
         deviations=contents.derived.deviations,
         lineage=provenance.lineage(contents.selection),
-        environments=provenance.environments([artifact.manifest.environment for artifact in contents.shown]),
+        environments=provenance.environments(
+            [origin.environment for artifact in contents.shown for origin in artifact.manifest.origins]
+        ),
         settings=[(key.replace("_", " "), value) for key, value in contents.config.model_dump().items()],
         sql={name.replace("-", "_"): answer.sql for name, answer in contents.answers.items()},
         confidence=confidence,
@@ -136,7 +138,7 @@ def _studies(contents: Contents) -> list[dict[str, Any]]:
 
 def _limits(contents: Contents) -> list[str]:
     manifests = [artifact.manifest for artifact in contents.shown]
-    codes = [code for each in manifests for code in (each.code, *(before.code for before in each.resumed_from))]
+    codes = [origin.code for each in manifests for origin in each.origins]
     derived = contents.derived
     lines = limits(derived.groups, derived.of_studies, codes, "the lineage")
     return lines + [f"No recording of {r.note}: {r.error}" for r in contents.recordings if r.error is not None]

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.config import load_config
+from schemas.manifest import Origin, read_manifest
 from schemas.progress import Silent
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.evidence import PARTS
@@ -159,3 +160,19 @@ def test_provenance_names_every_artifact(made: tuple[Path, dict[str, Any]]) -> N
     assert len(told["environments"]) == 1
     assert told["analysis"]["bootstrap_samples"] == 500
     assert [study["name"] for study in told["studies"]] == ["switch", "buffer"]
+
+
+def test_what_began_an_artifact_elsewhere_is_told(tmp_path: Path) -> None:
+    directory = write_run(tmp_path, outcome=(100.0, 1.0))
+    manifest = read_manifest(directory)
+    code = manifest.code.model_copy(update={"git_commit": "f" * 40})
+    environment = manifest.environment.model_copy(update={"cpu": "Elsewhere 3000"})
+    began = Origin(code=code, environment=environment)
+    changed = manifest.model_copy(update={"resumed_from": [began]})
+    (directory / "manifest.json").write_text(changed.model_dump_json())
+    (tmp_path / "out").mkdir()
+    run(CONFIG, tmp_path, [], [], tmp_path / "out", recorder=None, progress=Silent())
+    assert_follows(tmp_path / "out")
+    text = (tmp_path / "out" / "README.md").read_text()
+    for told in ("Elsewhere 3000", "Imaginary 9000", "f" * 40, "0123456789abcdef", "more than one version of the code"):
+        assert told in text
