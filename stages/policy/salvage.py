@@ -31,8 +31,10 @@ class Whole:
 def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whole:
     """What is whole in `run`, of which the files `damaged` (relative to it) are known not to be what was written.
 
-    A run that learns `from_logs` has no training episodes: its updates are whole without. Parquet files are read, and
-    their checksums verified; so is what seals a checkpoint.
+    A damaged part of the transitions counts for nothing, even before the page whose checksum fails: the headers of
+    pages have none, and a damaged one shifts the rows of its column. A run that learns `from_logs` has no training
+    episodes: its updates are whole without. Parquet files are read, and their checksums verified; so is what seals a
+    checkpoint.
     """
     lost: list[str] = []
     parts, rows = [], 0
