@@ -116,7 +116,8 @@ def _run(store: Store, manifest: Manifest, damaged: Mapping[str, str], dry_run: 
     path = store.path(manifest.id)
     if manifest.status == "running":  # no manifest vouches for what has ended yet
         damaged = damage(path)
-    whole = assess(path, damaged, from_logs=bool(manifest.config.get("sources")))
+    identity = {"run": "/".join(split_id(manifest.id)[1])} | manifest.config["run"]
+    whole = assess(path, identity, damaged, from_logs=bool(manifest.config.get("sources")))
     lost = (*damaged.values(), *whole.lost)
     if damaged and all(name.startswith(_ADDITIONS) for name in damaged) and not whole.lost:
         if not dry_run:

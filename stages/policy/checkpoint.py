@@ -42,7 +42,8 @@ class Remembered:
     episodes: int
     final: int
     counts: dict[str, int]  # of the log
-    sha256: str  # of the networks and of the above: a flipped bit would be another number
+    sha256: str  # of the networks and of all the others: a flipped bit would be another number
+    run: str = ""  # NAME/CELL; older checkpoints do not say
 
 
 def available(out: Path) -> list[Position]:
@@ -51,8 +52,8 @@ def available(out: Path) -> list[Position]:
     return sorted(Position(int(episodes), int(final)) for episodes, final in names)
 
 
-def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
-    """Write a checkpoint of one run and drop all but the last few."""
+def save(out: Path, run: str, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+    """Write a checkpoint of the run NAME/CELL and drop all but the last few."""
     directory = out / "checkpoints" / position.name
     temporary = out / "checkpoints" / f".{position.name}.tmp"
     shutil.rmtree(temporary, ignore_errors=True)
@@ -60,7 +61,8 @@ def save(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, in
         temporary.mkdir(parents=True)
         tensors = {name: rows[row].contiguous().cpu() for name, rows in _tensors(td3).items()}
         data = tensors_io.save(tensors)
-        remembered = Remembered(**asdict(position), counts=counts, sha256=_seal(data, position, counts))
+        seal = _seal(data, position, counts, run)
+        remembered = Remembered(**asdict(position), counts=counts, sha256=seal, run=run)
         write_bytes(data, temporary / "td3.safetensors")
         write_bytes(json.dumps(asdict(remembered)).encode(), temporary / "state.json")
         shutil.rmtree(directory, ignore_errors=True)
@@ -86,15 +88,15 @@ def drop_all(out: Path) -> None:
         shutil.rmtree(out / "checkpoints" / position.name)
 
 
-def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
-    """Put a run's networks back and return the rest.
+def load(out: Path, run: str, position: Position, td3: TD3, row: int) -> Remembered:
+    """Put the networks of the run NAME/CELL back and return the rest.
 
     Raises:
-        ArtifactError: the checkpoint is damaged or of other networks.
+        ArtifactError: the checkpoint is damaged, or of another run or other networks.
     """
     directory = out / "checkpoints" / position.name
     try:
-        data, remembered = _unsealed(directory, position)
+        data, remembered = _unsealed(directory, run, position)
         saved = tensors_io.load(data)
         for name, rows in _tensors(td3).items():
             rows[row].copy_(saved[name])
@@ -103,19 +105,21 @@ def load(out: Path, position: Position, td3: TD3, row: int) -> Remembered:
         raise ArtifactError(f"checkpoint {directory} cannot be read ({error}); remove it to resume earlier") from error
 
 
-def counts(out: Path, position: Position) -> dict[str, int] | None:
-    """How much of the log a checkpoint counts on; None where it is damaged."""
+def counts(out: Path, run: str, position: Position) -> dict[str, int] | None:
+    """How much of the log a checkpoint counts on; None where it is damaged, or of another run."""
     try:
-        return _unsealed(out / "checkpoints" / position.name, position)[1].counts
+        return _unsealed(out / "checkpoints" / position.name, run, position)[1].counts
     except (OSError, ValueError, TypeError):
         return None
 
 
-def _unsealed(directory: Path, position: Position) -> tuple[bytes, Remembered]:
+def _unsealed(directory: Path, run: str, position: Position) -> tuple[bytes, Remembered]:
     data = (directory / "td3.safetensors").read_bytes()
     remembered = Remembered(**json.loads((directory / "state.json").read_bytes()))
-    if remembered.sha256 != _seal(data, position, remembered.counts):
+    if remembered.sha256 != _seal(data, position, remembered.counts, remembered.run):
         raise ValueError("it is not what was written")
+    if remembered.run not in ("", run):
+        raise ValueError(f"it is of {remembered.run}")
     return data, remembered
 
 
@@ -184,8 +188,9 @@ def _told(out: Path) -> dict[str, Any]:
     return told
 
 
-def _seal(data: bytes, position: Position, counts: dict[str, int]) -> str:
-    return hashlib.sha256(data + json.dumps([asdict(position), counts], sort_keys=True).encode()).hexdigest()
+def _seal(data: bytes, position: Position, counts: dict[str, int], run: str) -> str:
+    told = [asdict(position), counts, *([run] if run else [])]
+    return hashlib.sha256(data + json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def _tensors(td3: TD3) -> dict[str, Tensor]:

@@ -134,6 +134,12 @@ class RunSpec:
     sources: tuple[Path, ...] = ()
     """Directories of logged transitions to learn from alone; none: from its own steps in the world."""
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What every row of its log says of it."""
+        names = ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")
+        return {"run": self.run_id} | {name: getattr(self, name) for name in names}
+
 
 @dataclass(frozen=True)
 class RunResult:

@@ -82,7 +82,7 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
         if position == START:
             log.restore({"episodes": 0, "evaluations": 0, "updates": 0})
             continue
-        log.restore(checkpoint.load(spec.out, position, td3, row).counts)
+        log.restore(checkpoint.load(spec.out, spec.run_id, position, td3, row).counts)
         if not spec.sources:
             _refill(buffer, row, spec, log, position.episodes)
     return position
@@ -153,7 +153,8 @@ class Schedule:
     def _save(self, position: Position) -> None:
         for row in self._lockstep.alive:
             self._logs[row].flush()
-            checkpoint.save(self._group[row].out, position, self._td3, row, self._logs[row].counts())
+            spec = self._group[row]
+            checkpoint.save(spec.out, spec.run_id, position, self._td3, row, self._logs[row].counts())
 
 
 def _result(lockstep: Lockstep, td3: TD3, row: int) -> RunResult:

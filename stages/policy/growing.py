@@ -8,6 +8,7 @@ import pyarrow as pa
 from schemas.arrays import with_own_words
 from schemas.errors import ArtifactError
 from schemas.files import read_parquet, write_parquet
+from stages.policy.ownership import require_own
 
 
 class Growing:
@@ -39,17 +40,20 @@ class Growing:
         """Go back to the first `count` rows.
 
         Raises:
-            ArtifactError: there are fewer, or the file cannot be read.
+            ArtifactError: there are fewer, or the file cannot be read or is another run's.
         """
         self._write(self._stored(count).slice(0, count))
 
     def _stored(self, count: int) -> pa.Table:
-        table = read_parquet(self._path).cast(self._schema) if count else self._schema.empty_table()
+        if not count:
+            return self._schema.empty_table()
+        table = read_parquet(self._path)
+        require_own(table, self._schema.names, self._identity, self._path)
         if table.num_rows < count:
             raise ArtifactError(
                 f"{self._path} has {table.num_rows} rows, its checkpoint {count}: see `pipeline repair`"
             )
-        return table
+        return table.cast(self._schema)
 
     def _fresh(self) -> pa.Table:
         return pa.Table.from_pylist([self._identity | row for row in self._new], schema=self._schema)

@@ -9,9 +9,11 @@ import pyarrow as pa
 
 from schemas import tables
 from schemas.arrays import constant, to_arrow, to_numpy
-from schemas.files import failure_path, write_parquet
+from schemas.errors import ArtifactError
+from schemas.files import failure_path, transition_parts, write_parquet
 from stages.policy.config import RunSpec
 from stages.policy.growing import Growing
+from stages.policy.ownership import own_episodes
 from stages.policy.parts import Parts
 
 LOGS = {"episodes": tables.EPISODES, "evaluations": tables.EVALUATIONS, "updates": tables.UPDATES}
@@ -33,14 +35,7 @@ class RunLog:
     def __init__(self, spec: RunSpec, observation_dim: int, action_dim: int) -> None:
         self._out = spec.out
         self._schema = tables.transitions(observation_dim, action_dim)
-        self._identity = {
-            "run": spec.run_id,
-            "task": spec.task,
-            "scheme": spec.scheme,
-            "misalignment_kind": spec.misalignment_kind,
-            "misalignment_deg": spec.misalignment_deg,
-            "seed": spec.seed,
-        }
+        self._identity = spec.identity
         self._pending: list[tuple[EpisodeHead, dict[str, np.ndarray]]] = []
         self._parts = Parts(spec.out, self._schema)
         self._tables = {
@@ -88,12 +83,19 @@ class RunLog:
         """Go back to what a checkpoint remembered: anything later is written again by the resumed run.
 
         Raises:
-            ArtifactError: less is on disk than the checkpoint remembers.
+            ArtifactError: less is on disk than the checkpoint remembers, or something else.
         """
         shutil.rmtree(failure_path(self._out), ignore_errors=True)  # it goes on from before that
         for name, table in self._tables.items():
             table.keep(counts[name])
         self._parts.keep(sum(row["length"] for row in self.rows("episodes")))
+        self._require_own_transitions()
+
+    def _require_own_transitions(self) -> None:
+        """The transitions are this run's, in the order of its episodes: the replay buffer is filled from them."""
+        held = [each for path in transition_parts(self._out) for each in own_episodes(path, self._identity)]
+        if held != [(row["split"], row["episode"]) for row in self.rows("episodes")]:
+            raise ArtifactError(f"{self._out / 'transitions'} holds other episodes than it did: see `pipeline repair`")
 
     def training_transitions(self) -> dict[str, np.ndarray]:
         """The training rows on disk, in order: the source of the replay buffer on resume."""

@@ -35,7 +35,7 @@ class Parts:
     def keep(self, rows: int) -> None:
         """Drop all but the first `rows`; ArtifactError where there are fewer, or a part cannot be read."""
         paths = transition_parts(self._run)
-        counts = [_rows(path) for path in paths]
+        counts = [_rows(path) if rows else 0 for path in paths]  # to keep nothing, none needs to be readable
         if rows > sum(counts):
             raise ArtifactError(
                 f"{self._run / 'transitions'} holds {sum(counts)} transitions, its episodes have {rows}: "

@@ -2,9 +2,10 @@
 
 import shutil
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +15,10 @@ from schemas.errors import ArtifactError
 from schemas.files import failure_path, read_parquet, transition_parts, write_parquet
 from stages.policy import checkpoint
 from stages.policy.log import LOGS
+from stages.policy.ownership import episodes_of, require_own
 from stages.policy.parts import Parts
+
+_TRANSITIONS = tables.transitions(1, 1)  # the same columns, whatever the lengths of its lists
 
 
 @dataclass(frozen=True)
@@ -28,26 +32,30 @@ class Whole:
     lost: tuple[str, ...]  # in words; empty: nothing is
 
 
-def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whole:
+def assess(run: Path, identity: Mapping[str, Any], damaged: Collection[str], from_logs: bool = False) -> Whole:
     """What is whole in `run`, of which the files `damaged` (relative to it) are known not to be what was written.
+
+    What is not of the run that `identity` tells is damaged, too.
 
     A damaged part of the transitions counts for nothing, even before the page whose checksum fails: the headers of
     pages have none, and a damaged one shifts the rows of its column. A run that learns `from_logs` has no training
     episodes: its updates are whole without. Parquet files are read, and their checksums verified; so is what seals a
     checkpoint.
     """
+    logs = {name: _table(run, f"{name}.parquet", schema, identity, damaged) for name, schema in LOGS.items()}
+    episodes = _of(logs, "episodes")
+    expected = episodes_of(episodes)
     lost: list[str] = []
-    parts, rows = [], 0
+    parts, rows, held = [], 0, 0
     for number, path in enumerate(transition_parts(run)):
-        found = _table(run, f"transitions/part-{number:05d}.parquet", damaged)
-        if found is None:
+        found = _table(run, f"transitions/part-{number:05d}.parquet", _TRANSITIONS, identity, damaged)
+        there = [] if found is None else episodes_of(found.filter(pa.compute.equal(found["step"], 0)))
+        if found is None or (expected and there != expected[held : held + len(there)]):
             lost.append(f"transitions from {path.name} on")
             break
         parts.append(path)
-        rows += found.num_rows
-    logs = {name: _table(run, f"{name}.parquet", damaged) for name in LOGS}
+        rows, held = rows + found.num_rows, held + len(there)
     lost += [f"{name}.parquet" for name, table in logs.items() if table is None]
-    episodes = _of(logs, "episodes")
     kept = episodes.slice(0, int(np.searchsorted(np.cumsum(episodes["length"].to_numpy()), rows, side="right")))
     if kept.num_rows < episodes.num_rows:
         lost.append(f"{episodes.num_rows - kept.num_rows} of {episodes.num_rows} episodes")
@@ -56,7 +64,7 @@ def assess(run: Path, damaged: Collection[str], from_logs: bool = False) -> Whol
     for name in ("evaluations", "updates"):
         if (rows := whole[name].num_rows) < (there := _of(logs, name).num_rows):
             lost.append(f"{there - rows} of {there} rows of {name}")
-    points = {point.name: checkpoint.counts(run, point) for point in checkpoint.available(run)}
+    points = {point.name: checkpoint.counts(run, str(identity["run"]), point) for point in checkpoint.available(run)}
     usable = [name for name, counts in points.items() if counts is not None and _holds(whole, counts)]
     lost += [f"checkpoint {name}" for name in points if name not in usable]
     if lost and (run / checkpoint.DESCRIPTION).exists():
@@ -81,11 +89,17 @@ def cut(run: Path, whole: Whole) -> None:
     shutil.rmtree(failure_path(run), ignore_errors=True)
 
 
-def _table(run: Path, name: str, damaged: Collection[str]) -> pa.Table | None:
+def _table(
+    run: Path, name: str, schema: pa.Schema, identity: Mapping[str, Any], damaged: Collection[str]
+) -> pa.Table | None:
+    if name in damaged:
+        return None
     try:
-        return None if name in damaged else read_parquet(run / name)
+        table = read_parquet(run / name)
+        require_own(table, schema.names, identity, run / name)
     except ArtifactError:
         return None
+    return table
 
 
 def _of(logs: dict[str, pa.Table | None], name: str) -> pa.Table:

@@ -163,7 +163,7 @@ def td3(tmp_path: Path) -> Callable[[], TD3]:
     def make() -> TD3:
         return TD3(TD3Config(hidden=(8,), batch_size=4, precision="float32"), 3, 2, [0])
 
-    checkpoint.save(tmp_path, checkpoint.Position(2, 0), make(), 0, {})
+    checkpoint.save(tmp_path, "name/cell", checkpoint.Position(2, 0), make(), 0, {})
     return make
 
 
@@ -173,4 +173,4 @@ def test_a_checkpoint(ground: Ground, tmp_path: Path, td3: Callable[[], TD3], na
     [directory] = (tmp_path / "checkpoints").iterdir()
     (directory / "td3.safetensors").write_bytes(content(name, ground.canary))
     with ground.case("checkpoints"), pytest.raises(ArtifactError, match="cannot be read"):
-        checkpoint.load(tmp_path, checkpoint.Position(2, 0), td3(), 0)
+        checkpoint.load(tmp_path, "name/cell", checkpoint.Position(2, 0), td3(), 0)

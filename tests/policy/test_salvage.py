@@ -61,7 +61,7 @@ def test_a_finished_run(spec: RunSpec, name: str, damage: Damage, episodes: int,
     trained([spec])
     before = everything(spec)
     damage(spec.out / name)
-    whole = assess(spec.out, ())
+    whole = assess(spec.out, spec.identity, ())
     assert list(whole.lost)[: len(lost)] == lost and whole.kept.startswith(f"{episodes} episodes")
     cut(spec.out, whole)
     kept = list(zip(logged(spec, "episodes", "split"), logged(spec, "episodes", "episode"), strict=True))
@@ -71,7 +71,7 @@ def test_a_finished_run(spec: RunSpec, name: str, damage: Damage, episodes: int,
     trained_episodes = sum(split == "train" for split, _ in kept)
     assert all(episode < trained_episodes for episode in logged(spec, "updates", "episode"))  # type: ignore[operator]
     assert sum(logged(spec, "evaluations", "episodes")) <= len(kept) - trained_episodes  # type: ignore[arg-type]
-    assert not assess(spec.out, ()).lost or not episodes, "what was cut is whole"
+    assert not assess(spec.out, spec.identity, ()).lost or not episodes, "what was cut is whole"
     assert [result.status for result in trained([spec])] == ["complete"]
     assert everything(spec) == before
 
@@ -95,9 +95,9 @@ def test_an_unfinished_run(
     with pytest.MonkeyPatch.context() as patch, pytest.raises(ZeroDivisionError):
         patch.setattr(Schedule, "_final", lambda *_: 1 / 0)
         trained([spec])
-    assert assess(spec.out, ()).lost == ()
+    assert assess(spec.out, spec.identity, ()).lost == ()
     damage(spec.out / name)
-    whole = assess(spec.out, ())
+    whole = assess(spec.out, spec.identity, ())
     assert set(lost) <= set(whole.lost)
     cut(spec.out, whole)
     assert [each.episodes for each in checkpoint.available(spec.out)] == ([point] if point else [])
@@ -122,6 +122,6 @@ def test_what_is_whole_stays(tmp_path: Path, finished: bool, from_logs: bool) ->
         with pytest.MonkeyPatch.context() as patch, pytest.raises(ZeroDivisionError):
             patch.setattr(Schedule, "_final", lambda *_: 1 / 0)
             trained([spec])
-    whole = assess(spec.out, (), from_logs)
+    whole = assess(spec.out, spec.identity, (), from_logs)
     assert whole.lost == () and len(whole.checkpoints) == (0 if finished else 2)
     assert whole.logs["updates"].num_rows == len(logged(spec, "updates", "update")) > 0

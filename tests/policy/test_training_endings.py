@@ -10,13 +10,14 @@ from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError, ConfigError, MachineError
 from schemas.progress import Silent
-from stages.policy import checkpoint, train
+from stages.policy import checkpoint, parts, train
 from stages.policy.checkpoint import Position
 from stages.policy.group import Schedule
 from stages.policy.loop import Lockstep
 from stages.policy.resources import Resources
+from stages.policy.salvage import assess, cut
 from stages.policy.td3 import TD3
-from tests.policy.small_training import CONFIG, everything, run_specs, trained, transitions
+from tests.policy.small_training import CONFIG, HORIZON, everything, run_specs, trained, transitions
 
 
 class _StopError(Exception):
@@ -26,11 +27,20 @@ class _StopError(Exception):
 _SAVE = checkpoint.save
 
 
-def _killed_at_the_second_of_4(out: Path, position: Position, td3: TD3, row: int, counts: dict[str, int]) -> None:
+def _killed_at_the_second_of_4(
+    out: Path, run: str, position: Position, td3: TD3, row: int, counts: dict[str, int]
+) -> None:
     """Saves, but for the second run's checkpoint after 4 episodes."""
     if position.episodes == 4 and row == 1:
         raise _StopError
-    _SAVE(out, position, td3, row, counts)
+    _SAVE(out, run, position, td3, row, counts)
+
+
+def _swap(one: Path, other: Path) -> None:
+    aside = one.with_name("aside")
+    one.rename(aside)
+    other.rename(one)
+    aside.rename(other)
 
 
 class Stopping(Silent):
@@ -215,6 +225,55 @@ class TestResume:
         path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
         with pytest.raises(ArtifactError, match="it is not what was written"):
             trained([spec])
+
+    @pytest.mark.parametrize(
+        ("names", "said"),
+        [
+            (["transitions"], "part-00000.parquet is of another run"),
+            (["episodes.parquet"], "episodes.parquet is of another run"),
+            (["checkpoints"], "it is of t/reach-sparse-pan00-seed0"),
+            (["transitions", "episodes.parquet", "updates.parquet", "evaluations.parquet", "checkpoints"], "it is of"),
+        ],
+    )
+    def test_what_changed_places_with_another_runs(
+        self, tmp_path: Path, names: list[str], said: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Its checksums hold. A repaired run is trained anew, to the same end."""
+        specs, whole = (run_specs(tmp_path / name, ("dense", "sparse")) for name in ("swapped", "whole"))
+        trained(whole)
+        with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+            patch.setattr(Schedule, "_final", lambda *_: 1 / 0)
+            trained(specs)
+        for name in names:
+            _swap(*(spec.out / name for spec in specs))
+        with pytest.raises(ArtifactError, match=said):
+            trained(specs)
+        for spec in specs:
+            found = assess(spec.out, spec.identity, ())
+            assert found.lost and not found.checkpoints
+            cut(spec.out, found)
+        trained(specs)
+        assert [everything(spec) for spec in specs] == [everything(spec) for spec in whole]
+
+    @pytest.mark.parametrize(
+        ("one", "other", "said"),
+        [
+            ("transitions/part-00000.parquet", "transitions/part-00001.parquet", "holds other episodes than it did"),
+            ("episodes.parquet", "evaluations.parquet", "episodes.parquet is another table"),
+        ],
+    )
+    def test_what_changed_places_within_a_run(
+        self, tmp_path: Path, one: str, other: str, said: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(parts, "PART_ROWS", 6 * HORIZON)
+        [spec] = run_specs(tmp_path, ("dense",))
+        with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+            patch.setattr(Schedule, "_final", lambda *_: 1 / 0)
+            trained([spec])
+        _swap(spec.out / one, spec.out / other)
+        with pytest.raises(ArtifactError, match=said):
+            trained([spec])
+        assert assess(spec.out, spec.identity, ()).lost
 
 
 class TestFailures:
