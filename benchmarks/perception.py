@@ -115,7 +115,7 @@ def _collect(stage: CollectStageConfig, dataset: Path) -> None:
 def _contenders(trainer: Trainer, config: PerceptionConfig, images: int) -> dict[str, Rate]:
     """Real training steps over shuffled frames, and the same steps on one batch that is ready."""
     batch, steps = config.batch_size, math.ceil(images / config.batch_size)
-    real, fixed = trainer.start(None), trainer.start(None)
+    real, fixed = trainer.start("bench", None), trainer.start("bench", None)
     pixels = trainer.normalisation.images(torch.from_numpy(trainer.frames.images[trainer.train[:batch]]))
     target = torch.from_numpy(trainer.targets[trainer.train[:batch]])
     rng = np.random.default_rng(0)

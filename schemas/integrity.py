@@ -28,6 +28,18 @@ def check_config(manifest: Manifest) -> None:
         raise ArtifactError(f"{manifest.id} is damaged: {EDITED}; restore its manifest, or make it again")
 
 
+def unlisted(directory: Path, manifest: Manifest) -> tuple[list[str], list[str]]:
+    """Files of a finished artifact that its manifest does not know: what readers take for its data, and others."""
+    known = {MANIFEST, *(file.path for file in manifest.files)}
+    paths = (path for path in sorted(directory.rglob("*")) if path.is_file() and not path.name.startswith("."))
+    names = [name for path in paths if (name := path.relative_to(directory).as_posix()) not in known]
+    return [name for name in names if _is_data(name)], [name for name in names if not _is_data(name)]
+
+
+def _is_data(name: str) -> bool:
+    return name.startswith(("transitions/", "episodes/"))
+
+
 def check_file(
     directory: Path, artifact_id: str, file: FileRef, sha256: Callable[[Path], str] | None = file_sha256
 ) -> None:

@@ -149,7 +149,9 @@ def read_manifest(directory: Path) -> Manifest:
     try:
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise ArtifactError(f"{directory} has no {MANIFEST}: it is no artifact of this pipeline") from error
+        raise ArtifactError(
+            f"{directory} has no {MANIFEST}, so it is no artifact of this pipeline: restore it, or move it away"
+        ) from error
     except OSError as error:
         raise ArtifactError(f"{path} cannot be read ({error.strerror}): check its permissions") from error
     return parse_manifest(data, path)
@@ -160,10 +162,14 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     try:
         content = from_json(data, allow_inf_nan=False)
     except ValueError as error:
-        raise ArtifactError(f"{path} is truncated or no JSON: make the artifact again under another --name") from error
+        raise ArtifactError(
+            f"{path} is truncated or no JSON: restore it, or move its directory away and make the artifact again"
+        ) from error
     _check_version(content, path)
     if content.get("seal") and content.get("status") != "running" and content["seal"] != _seal(content):
-        raise ArtifactError(f"{path} is not what was written: restore it, or make the artifact again")
+        raise ArtifactError(
+            f"{path} is not what was written: restore it, or move its directory away and make the artifact again"
+        )
     try:
         return Manifest.model_validate(content)
     except ValidationError as error:

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.artifacts.manifests import manifest_sha256, read_manifest
 from pipeline.artifacts.names import STAGE_OF, artifact_path, depth, existing_ids, split_id
 from schemas.errors import ArtifactError, ConfigError, PipelineError, listed
-from schemas.integrity import check_config, check_file, file_sha256
+from schemas.integrity import check_config, check_file, file_sha256, unlisted
 from schemas.manifest import InputRef, Manifest
 
 HASHED = (".parquet", ".json", ".safetensors", ".mcap")
@@ -41,6 +41,8 @@ def load_shown(root: Path, artifact_id: str) -> Manifest:
 
 def _check_files(directory: Path, manifest: Manifest) -> None:
     check_config(manifest)
+    if foreign := unlisted(directory, manifest)[0]:
+        raise ArtifactError(f"{manifest.id} holds {foreign[0]}, which its manifest does not know: remove it")
     for file in manifest.files:
         check_file(directory, manifest.id, file, file_sha256 if file.path.endswith(HASHED) else None)
 

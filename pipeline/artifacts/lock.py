@@ -37,9 +37,9 @@ class ArtifactLock:
 
     def acquire(self) -> None:
         """Take the lock; ConfigError naming the holder when another process has it."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         if leads_out(self.path, self._root):
             raise ArtifactError(f"{self.path.parent} is a link that leads out of the data root: remove it")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self._lock.acquire(timeout=_PATIENCE, poll_interval=0.02)
         except Timeout as error:

@@ -245,7 +245,10 @@ def _prepare(target: Path, manifest: Manifest) -> Path:
     """A directory beside `target`, hidden, that holds the manifest: no artifact is ever seen without one."""
     target.parent.mkdir(parents=True, exist_ok=True)
     for abandoned in target.parent.glob(f".{target.name}.building-*"):
-        shutil.rmtree(abandoned)
+        if abandoned.is_symlink():
+            abandoned.unlink()
+        else:
+            shutil.rmtree(abandoned)
     path = Path(tempfile.mkdtemp(prefix=f".{target.name}.building-", dir=target.parent))
     path.chmod(0o755)
     write_manifest(manifest, path)

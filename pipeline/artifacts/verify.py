@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.artifacts.inputs import load
-from pipeline.artifacts.manifests import MANIFEST, manifest_sha256
+from pipeline.artifacts.manifests import manifest_sha256
 from pipeline.artifacts.names import artifact_path
 from schemas.errors import PipelineError
-from schemas.integrity import EDITED, problem
+from schemas.integrity import EDITED, problem, unlisted
 from schemas.manifest import Manifest, config_sha256
 from schemas.progress import Progress
 
@@ -53,7 +53,9 @@ def verify(root: Path, ids: Sequence[str], progress: Progress) -> Iterator[Verdi
                 problems += [found_wrong] if found_wrong else []
                 task.advance((done + file.bytes) // _UNIT - done // _UNIT)
                 done += file.bytes
-            remarks = (*_unlisted(directory, manifest), *_inputs(root, manifest))
+            foreign, others = ([], []) if manifest.status == "running" else unlisted(directory, manifest)
+            problems += [f"{name} is in no manifest" for name in foreign]
+            remarks = (*(f"{name} is in no manifest" for name in others), *_inputs(root, manifest))
             yield Verdict(each, manifest.status, len(manifest.files), _size(manifest), tuple(problems), remarks)
 
 
@@ -66,17 +68,6 @@ def _manifest(root: Path, artifact_id: str) -> Manifest | str:
         return load(root, artifact_id)
     except PipelineError as error:
         return str(error)
-
-
-def _unlisted(directory: Path, manifest: Manifest) -> list[str]:
-    """Files of a finished artifact that its manifest does not know."""
-    if manifest.status == "running":
-        return []
-    known = {MANIFEST, *(file.path for file in manifest.files)}
-    paths = (path for path in sorted(directory.rglob("*")) if path.is_file() and not path.name.startswith("."))
-    return [
-        f"{name} is in no manifest" for path in paths if (name := path.relative_to(directory).as_posix()) not in known
-    ]
 
 
 def _inputs(root: Path, manifest: Manifest) -> list[str]:

@@ -40,14 +40,14 @@ def verify(options: Place, artifacts: tuple[str, ...]) -> None:
             note(f"nothing under {options.data} yet: `pipeline run demo` makes the first artifacts")
         made = table("artifact", "status", "#files", "#size", "found")
         for each in found:
-            said = "; ".join((*each.problems, *each.remarks)) or ("being written" if each.status == "running" else "ok")
+            said = "; ".join((*each.problems, *each.remarks)) or ("not finished" if each.status == "running" else "ok")
             made.add_row(each.id, each.status, f"{each.files:,}", size(each.bytes), said)
         if found:
             console().print(made)
     if damaged:
         error = ArtifactError(
             f"{len(damaged)} of {len(found)} artifacts are damaged, first {damaged[0].id}: {damaged[0].problems[0]}; "
-            "make them again"
+            "`pipeline repair` keeps what is whole, or make them again"
         )
         error.details = {"artifacts": [asdict(each) for each in found]}
         raise error

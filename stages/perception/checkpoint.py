@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 class TrainingState:
     """Everything the next epoch depends on; the rest (batch order, learning rate) is computed from seed and epoch."""
 
+    estimator: str  # NAME, without which a checkpoint of another one would fit
     network: ResNet34
     optimizer: torch.optim.Optimizer
     epoch: int = 0  # finished
@@ -43,7 +44,7 @@ def save_checkpoint(state: TrainingState, out: Path) -> None:
     directory.mkdir(exist_ok=True)
     scalars = {name: getattr(state, name) for name in ("epoch", "best_error", "best_epoch", "rows")}
     tensors = {key: value.detach().cpu().contiguous() for key, value in _tensors(state).items()}
-    data = save(tensors, metadata={"scalars": json.dumps(scalars)})
+    data = save(tensors, metadata={"scalars": json.dumps(scalars), "estimator": state.estimator})
     write_bytes(data, directory / f"epoch-{state.epoch:06d}-{_seal(data)}.safetensors")
     for old in _checkpoints(out)[_KEEP:]:
         old.unlink()
@@ -62,10 +63,12 @@ def restore_ended(state: TrainingState, out: Path, epochs: int) -> bool:
     """
     saved = saved_weights(out)
     try:
-        table = read_parquet(out / "epochs.parquet").drop_columns(["estimator"])
+        table = read_parquet(out / "epochs.parquet")
+        if set(table["estimator"].to_pylist()) != {state.estimator}:
+            return False
     except (ArtifactError, KeyError):
         return False
-    rows = [row for row in table.to_pylist() if row["split"] != "test"]
+    rows = [row for row in table.drop_columns(["estimator"]).to_pylist() if row["split"] != "test"]
     if saved is None or len(rows) != 2 * epochs:
         return False
     card, weights = saved
@@ -84,10 +87,13 @@ def restore_checkpoint(state: TrainingState, out: Path) -> bool:
             if not file.stem.endswith(_seal(file.read_bytes())):
                 raise ValueError
             with safe_open(file, "pt") as stored:
-                scalars = json.loads(stored.metadata()["scalars"])
+                told = stored.metadata()
+                scalars, made_for = json.loads(told["scalars"]), told.get("estimator", state.estimator)
                 tensors = {key: stored.get_tensor(key) for key in stored.keys()}  # noqa: SIM118 (not iterable itself)
+            if made_for != state.estimator:
+                raise ValueError
         except (SafetensorError, OSError, ValueError, KeyError, TypeError):
-            log.warning("%s is damaged: going back to the checkpoint before it, or to the start", file)
+            log.warning("%s is damaged, or another's: going back to the checkpoint before it, or to the start", file)
             continue
         _fill(state, scalars, tensors)
         return True

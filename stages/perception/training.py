@@ -57,7 +57,7 @@ def run(
     device = torch_device(config.device)
     frames = load_frames(dataset, out, progress)
     trainer = Trainer(config, frames, device)
-    state = trainer.start(weights)
+    state = trainer.start(estimator, weights)
     if not restore_ended(state, out, config.epochs):
         restore_checkpoint(state, out)
     trainer.fit(state, out, estimator, progress)
@@ -103,8 +103,8 @@ class Trainer:
         self.steps_per_epoch = max(1, len(self.train) // config.batch_size)
         self.dtype = arithmetic(config.precision, device)
 
-    def start(self, weights: Path | None) -> TrainingState:
-        """The state before the first epoch: seeded weights, or those in the file `weights`."""
+    def start(self, estimator: str, weights: Path | None) -> TrainingState:
+        """The state of `estimator` before the first epoch: seeded weights, or those in the file `weights`."""
         with torch.random.fork_rng(devices=()):
             torch.default_generator.manual_seed(self.config.seed)
             network = ResNet34()
@@ -117,7 +117,8 @@ class Trainer:
             {"params": decayed, "weight_decay": self.config.weight_decay},
             {"params": others, "weight_decay": 0.0},
         ]
-        return TrainingState(network, torch.optim.AdamW(groups, lr=self.config.learning_rate, fused=True))
+        optimizer = torch.optim.AdamW(groups, lr=self.config.learning_rate, fused=True)
+        return TrainingState(estimator, network, optimizer)
 
     def fit(self, state: TrainingState, out: Path, estimator: str, progress: Progress) -> None:
         """Train until `config.epochs`, writing epochs.parquet and checkpoints into `out`."""

@@ -29,6 +29,8 @@ from stages.policy.summaries import episode_row, evaluation_row
 from stages.policy.td3 import TD3
 from stages.sim.pool import Worlds
 
+_LEARNT_FROM = ("action", "observation", "next_observation", "reward_used")
+
 
 class Estimates(Protocol):
     """Images (n, H, W, 3) uint8 → cube positions (n, 3) [m]."""
@@ -212,18 +214,25 @@ class Lockstep:
         return np.stack([scale * rng.standard_normal(shape) for rng in streams]).astype(np.float32)
 
     def _fail_unstable(self, episode: _Episode, step: int, initial: list[np.ndarray]) -> None:
-        """End runs whose simulation diverged or whose policy is no number; their neighbours go on.
+        """End runs whose simulation diverged or whose numbers are none; their neighbours go on.
 
         The episode up to there is kept, to be replayed.
         """
         for row in self.alive:
-            diverged = not np.isfinite(self._columns.columns["action"][row, step]).all()
-            if self._worlds.states["unstable"][row] or diverged:
-                what = "the policy's action is not a number" if diverged else "the simulation became unstable"
+            if what := self._broken(row, step):
                 where = f"{episode.split} episode {episode.number}, step {step}"
                 self.errors[row] = f"{what} in {where}; the episode up to there is kept in failure/"
                 self._keep_failure(row, episode, step + 1, initial[row])
                 self._worlds.drop(row)
+
+    def _broken(self, row: int, step: int) -> str | None:
+        """What ends a run at this step; None: nothing does."""
+        numbers = {name: np.isfinite(self._columns.columns[name][row, step]).all() for name in _LEARNT_FROM}
+        if not numbers["action"]:
+            return "the policy's action is not a number"
+        if self._worlds.states["unstable"][row]:
+            return "the simulation became unstable"
+        return None if all(numbers.values()) else "what it observes or is rewarded with is not a number"
 
     def _fail_unlearnt(self, episode: int) -> None:
         """End runs whose networks hold no numbers any more, before a checkpoint keeps them; the episode is logged."""

@@ -10,6 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from schemas.cache import cache_directory
 from schemas.errors import MachineError
 from schemas.files import write_bytes
 
@@ -55,7 +56,8 @@ def start_viewer(recording: Path, *options: str) -> subprocess.Popen[bytes]:
 
 def _without_telemetry() -> dict[str, str]:
     """Environment in which the viewer tells nobody how it is used: a configuration directory of its own says so."""
-    directory = Path(tempfile.gettempdir()) / f"dense2sparse-viewer-{os.getuid()}"
+    kept = cache_directory()  # the user's own: in a directory of everybody's somebody else may have laid a link
+    directory = kept / "viewer" if kept else Path(tempfile.mkdtemp(prefix="dense2sparse-viewer-"))
     (directory / "rerun").mkdir(mode=0o700, parents=True, exist_ok=True)
     settings = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
     places = {"config_file_path": str(directory / "rerun/analytics.json"), "data_dir_path": str(directory / "data")}

@@ -61,7 +61,7 @@ def test_cube_is_where_the_misaligned_camera_sees_it(dataset: Path, kind: str, d
 
 
 def test_directory_without_manifest_is_an_artifact_error(tmp_path: Path) -> None:
-    with pytest.raises(ArtifactError, match=r"has no manifest\.json: it is no artifact"):
+    with pytest.raises(ArtifactError, match=r"has no manifest\.json, so it is no artifact"):
         make_rerender(tmp_path)
 
 

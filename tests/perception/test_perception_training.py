@@ -2,6 +2,7 @@
 
 import json
 import logging
+import shutil
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -129,6 +130,22 @@ def test_damaged_checkpoint_falls_back_to_the_one_before(dataset, uninterrupted,
     assert results(tmp_path) == uninterrupted
 
 
+def test_another_estimators_checkpoint_is_not_gone_on_from(dataset, uninterrupted, tmp_path, caplog):
+    """Its hash holds and its network fits."""
+    for name, changes in (
+        ("other", {"estimator": "other", "config": CONFIG.model_copy(update={"seed": 5})}),
+        ("e", {}),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            train(dataset, tmp_path / name, progress=InterruptAt(STEPS + 1), **changes)
+    shutil.rmtree(tmp_path / "e" / "checkpoints")
+    shutil.copytree(tmp_path / "other" / "checkpoints", tmp_path / "e" / "checkpoints")
+    with caplog.at_level(logging.WARNING):
+        train(dataset, tmp_path / "e")
+    assert "is damaged, or another's" in caplog.text
+    assert results(tmp_path / "e") == uninterrupted
+
+
 def test_without_a_readable_checkpoint_training_starts_anew(dataset, uninterrupted, tmp_path):
     interrupt(dataset, tmp_path, STEPS + 1)
     [only] = (tmp_path / "checkpoints").iterdir()
@@ -233,9 +250,9 @@ def test_training_starts_from_the_weights_given(dataset, tmp_path):
     weights = ResNet34(outputs=1000).state_dict()
     save_file(weights, tmp_path / "imagenet.safetensors")
     trainer = Trainer(CONFIG, load_frames(dataset, tmp_path, Silent()), torch.device("cpu"))
-    network = trainer.start(tmp_path / "imagenet.safetensors").network
+    network = trainer.start("e", tmp_path / "imagenet.safetensors").network
     assert torch.equal(network.conv1.weight, weights["conv1.weight"])
-    assert not torch.equal(trainer.start(None).network.conv1.weight, weights["conv1.weight"])
+    assert not torch.equal(trainer.start("e", None).network.conv1.weight, weights["conv1.weight"])
 
 
 def test_training_needs_two_frames(tmp_path):

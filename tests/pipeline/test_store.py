@@ -268,3 +268,20 @@ def test_a_report_whose_inputs_changed_is_replaced_whole(store: Store) -> None:
             build.finish({})
     assert sorted(path.name for path in store.path(REPORT.id).iterdir()) == ["manifest.json", "new"]
     assert [path.name for path in (store.root / "reports").iterdir()] == ["small"]
+
+
+def test_links_where_work_is_done_are_not_followed(store: Store, tmp_path: Path) -> None:
+    """One that leads nowhere, and one in the place of what a killed process had begun."""
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (outside / "mine").write_text("kept")
+    (store.root / "datasets").mkdir(parents=True, exist_ok=True)
+    (store.root / "datasets" / f".{ASKED.id.split('/')[1]}.building-foo").symlink_to(outside)
+    with begin(store, ASKED) as build:
+        build.finish({})
+    assert [path.name for path in outside.iterdir()] == ["mine"]
+    other = tmp_path / "other-root"
+    other.mkdir()
+    (other / ".locks").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(ArtifactError, match=r"\.locks is a link that leads out of the data root: remove it"):
+        begin(Store(other), ASKED)

@@ -52,9 +52,21 @@ def _link(directory: Path) -> None:
     path.symlink_to(elsewhere)
 
 
+def _add(directory: Path) -> None:
+    """What a reader that looks for files would take for its data."""
+    (directory / "episodes").mkdir(exist_ok=True)
+    (directory / "episodes" / "episode-000999.mcap").write_bytes(_mcap(directory).read_bytes())
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
-    [(_cut, "bytes instead of"), (_flip, "is not what was written"), (_remove, "is missing"), (_link, "leads out")],
+    [
+        (_add, "episode-000999.mcap is in no manifest"),
+        (_cut, "bytes instead of"),
+        (_flip, "is not what was written"),
+        (_remove, "is missing"),
+        (_link, "leads out"),
+    ],
 )
 def test_damage_is_found_and_nobody_reads_it(
     run: Run, store: Store, made: Path, damage: Callable[[Path], None], message: str
@@ -66,7 +78,7 @@ def test_damage_is_found_and_nobody_reads_it(
     assert [len(each["problems"]) for each in found] == [1, 0, 0, 0]
     assert message in found[0]["problems"][0]
     if damage is not _link:
-        with pytest.raises(ArtifactError, match="is damaged"):
+        with pytest.raises(ArtifactError, match="is damaged|which its manifest does not know: remove it"):
             load_complete(store.root, "datasets/default")
 
 
@@ -107,7 +119,7 @@ def test_a_manifest_that_cannot_be_read(run: Run, made: Path) -> None:
 
 def test_what_is_being_written(run: Run, made: Path, edit: Callable[..., None]) -> None:
     edit(made, status="running", files=[])
-    assert "being written" in run("verify", "datasets/default").stdout
+    assert "not finished" in run("verify", "datasets/default").stdout
 
 
 def test_nothing_at_all(run: Run) -> None:

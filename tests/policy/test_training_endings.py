@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from safetensors.torch import load_file
@@ -17,6 +18,7 @@ from stages.policy.loop import Lockstep
 from stages.policy.resources import Resources
 from stages.policy.salvage import assess, cut
 from stages.policy.td3 import TD3
+from tests.fake_worlds import FakeEstimator
 from tests.policy.small_training import CONFIG, HORIZON, everything, run_specs, trained, transitions
 
 
@@ -319,6 +321,23 @@ class TestFailures:
         )
         assert not (specs[0].out / "failure").exists()
         assert results[0].summary["episodes"] == 6
+
+    def test_estimates_that_are_no_numbers_end_who_acts_on_them(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]
+    ) -> None:
+        """While warming up the action is noise, so it would not show; an oracle only logs them."""
+        original, calls = FakeEstimator.predict, [0]
+
+        def blind(self: FakeEstimator, images: np.ndarray) -> np.ndarray:
+            calls[0] += 1
+            return original(self, images) * (np.nan if calls[0] == 4 else 1)  # the first sees the beginning
+
+        monkeypatch.setattr(FakeEstimator, "predict", blind)
+        results = trained(run_specs(tmp_path, ("dense", "oracle")))
+        assert [result.status for result in results] == ["failed", "complete"]
+        told = "what it observes or is rewarded with is not a number in train episode 0, step 2"
+        assert told in (results[0].error or "")
+        assert not list((tmp_path / "reach-dense-pan00-seed0" / "transitions").glob("*"))
 
     def test_when_every_run_fails_it_stops_and_keeps_what_was_finished(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake: dict[int, int]

@@ -71,7 +71,7 @@ def test_places_without_manifest(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "odd" / "manifest.json").mkdir(parents=True)
     for place in ("nowhere", "file"):
-        with pytest.raises(ArtifactError, match=rf"{place} has no manifest\.json: it is no artifact of this pipeline"):
+        with pytest.raises(ArtifactError, match=rf"{place} has no manifest\.json, so it is no artifact"):
             read_manifest(tmp_path / place)
     with pytest.raises(ArtifactError, match="cannot be read .Is a directory"):
         read_manifest(tmp_path / "odd")
