@@ -44,6 +44,21 @@ def test_frozen_network_computes_the_same(network, images, monkeypatch, packed):
     assert (outputs - expected).abs().max() < 1e-4 * expected.std(dim=0).max()
 
 
+def test_one_image_is_one_threads_work(network, images, monkeypatch):
+    """Shared out it may round another way, and a run alone would not log what it logs beside others."""
+    ready, seen = frozen.FrozenResNet34(network, torch.float32, CPU), []
+    outputs = ready._outputs
+    monkeypatch.setattr(ready, "_outputs", lambda x: seen.append(torch.get_num_threads()) or outputs(x))
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        found = ready(images[:1]), ready(images[:2])
+        assert (seen, torch.get_num_threads()) == ([1, 2], 2)
+        assert torch.equal(found[0], found[1][:1])
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_freezing_leaves_the_network_as_it_was(network, images):
     before = {key: value.clone() for key, value in network.state_dict().items()}
     frozen.FrozenResNet34(network, torch.bfloat16, CPU)
