@@ -35,12 +35,10 @@ class Whole:
 def assess(run: Path, identity: Mapping[str, Any], damaged: Collection[str], from_logs: bool = False) -> Whole:
     """What is whole in `run`, of which the files `damaged` (relative to it) are known not to be what was written.
 
-    What is not of the run that `identity` tells is damaged, too.
-
-    A damaged part of the transitions counts for nothing, even before the page whose checksum fails: the headers of
-    pages have none, and a damaged one shifts the rows of its column. A run that learns `from_logs` has no training
-    episodes: its updates are whole without. Parquet files are read, and their checksums verified; so is what seals a
-    checkpoint.
+    What is not of the run that `identity` tells is damaged, too. A damaged part of the transitions counts for nothing,
+    even before the page whose checksum fails: the headers of pages have none, and a damaged one shifts the rows of its
+    column. A run that learns `from_logs` has no training episodes: its updates are whole without. Parquet files are
+    read, and their checksums verified; so is what seals a checkpoint.
     """
     logs = {name: _table(run, f"{name}.parquet", schema, identity, damaged) for name, schema in LOGS.items()}
     episodes = _of(logs, "episodes")
@@ -50,7 +48,8 @@ def assess(run: Path, identity: Mapping[str, Any], damaged: Collection[str], fro
     for number, path in enumerate(transition_parts(run)):
         found = _table(run, f"transitions/part-{number:05d}.parquet", _TRANSITIONS, identity, damaged)
         there = [] if found is None else episodes_of(found.filter(pa.compute.equal(found["step"], 0)))
-        if found is None or (expected and there != expected[held : held + len(there)]):
+        told = expected[held : held + len(there)]  # fewer where it was killed before the episodes were told of
+        if found is None or there[: len(told)] != told:
             lost.append(f"transitions from {path.name} on")
             break
         parts.append(path)

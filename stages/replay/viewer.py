@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from schemas.cache import cache_directory
@@ -56,13 +57,24 @@ def start_viewer(recording: Path, *options: str) -> subprocess.Popen[bytes]:
 
 def _without_telemetry() -> dict[str, str]:
     """Environment in which the viewer tells nobody how it is used: a configuration directory of its own says so."""
-    kept = cache_directory()  # the user's own: in a directory of everybody's somebody else may have laid a link
-    directory = kept / "viewer" if kept else Path(tempfile.mkdtemp(prefix="dense2sparse-viewer-"))
-    (directory / "rerun").mkdir(mode=0o700, parents=True, exist_ok=True)
+    directory = _own_directory()
     settings = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
     places = {"config_file_path": str(directory / "rerun/analytics.json"), "data_dir_path": str(directory / "data")}
     write_bytes(json.dumps(settings | places).encode(), directory / "rerun/analytics.json")
     return {"XDG_CONFIG_HOME": str(directory)}
+
+
+def _own_directory() -> Path:
+    """With a directory rerun in it; the user's own, for in one of everybody's somebody else may have laid a link."""
+    kept = cache_directory()
+    with suppress(OSError):  # a home that is read-only
+        if kept is not None:
+            (kept / "viewer/rerun").mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(kept / "viewer/rerun", os.W_OK):
+                return kept / "viewer"
+    made = Path(tempfile.mkdtemp(prefix="dense2sparse-viewer-"))
+    (made / "rerun").mkdir()
+    return made
 
 
 def stop_viewer(process: subprocess.Popen[bytes], patience: float = 5.0) -> None:

@@ -14,6 +14,7 @@ from schemas.progress import Silent
 from stages.policy import checkpoint, parts, train
 from stages.policy.checkpoint import Position
 from stages.policy.group import Schedule
+from stages.policy.growing import Growing
 from stages.policy.loop import Lockstep
 from stages.policy.resources import Resources
 from stages.policy.salvage import assess, cut
@@ -276,6 +277,29 @@ class TestResume:
         with pytest.raises(ArtifactError, match=said):
             trained([spec])
         assert assess(spec.out, spec.identity, ()).lost
+
+    def test_killed_before_the_episodes_were_told_of_nothing_is_damaged(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Transitions are written first; those of episodes that nobody tells of are written again."""
+        [spec], [whole] = (run_specs(tmp_path / name, ("dense",)) for name in ("killed", "whole"))
+        trained([whole])
+        write, told = Growing.flush, [0]
+
+        def killed(self: Growing) -> None:
+            told[0] += 1
+            if told[0] > 3:  # the first flush writes three tables
+                raise ZeroDivisionError
+            write(self)
+
+        with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+            patch.setattr(Growing, "flush", killed)
+            trained([spec])
+        assert len(transitions(spec)["step"]) > HORIZON * pq.read_metadata(spec.out / "episodes.parquet").num_rows
+        found = assess(spec.out, spec.identity, ())
+        assert not found.lost and len(found.checkpoints) == 1
+        trained([spec])
+        assert everything(spec) == everything(whole)
 
 
 class TestFailures:
