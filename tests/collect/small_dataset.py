@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from pipeline.artifacts.manifests import list_files
 from schemas import mcap_topics
 from schemas.manifest import Code, Environment, Manifest, config_sha256
 from schemas.mcap_files import read_messages
@@ -44,7 +45,7 @@ def write_manifest(out: Path, config: CollectStageConfig, summary: dict[str, Any
         inputs=[],
         code=Code(version="0", git_commit=None, dirty=None),
         environment=Environment(python="", platform="", cpu="", gpu=None, gl_renderer=None, packages={}),
-        files=[],
+        files=list_files(out),
         summary=summary,
     )
     (out / "manifest.json").write_text(manifest.model_dump_json())

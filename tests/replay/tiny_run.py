@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.artifacts.manifests import list_files
 from schemas.files import write_parquet
 from schemas.manifest import config_sha256
 from schemas.mcap_files import read_messages
@@ -35,7 +36,7 @@ def make_run(data: Path, episodes: int = 2, steps: int = 20, task: str = "reach"
         table = pa.Table.from_pylist(rows, schema=transitions(23, len(rows[0]["action"])))
         write_parquet(table, run_dir / "transitions" / f"part-{part:05d}.parquet")
     write_parquet(pa.Table.from_pylist([row for _, row in logged], schema=EPISODES), run_dir / "episodes.parquet")
-    (run_dir / "manifest.json").write_text(json.dumps(_manifest(task)))
+    _write(run_dir, _manifest(task))
     make_estimator(data)
     return run_dir
 
@@ -56,8 +57,14 @@ def make_dataset(run_dir: Path, out: Path) -> Path:
     rows = [_frame_row(out.name, file, time, message) for _, time, message in read_messages(out / file, CUBE_POSE)]
     write_parquet(pa.Table.from_pylist(rows, schema=FRAMES), out / "frames.parquet")
     manifest = _manifest("reach") | {"id": f"datasets/{out.name}", "stage": "collect", "name": out.name}
-    (out / "manifest.json").write_text(json.dumps(manifest))
+    _write(out, manifest)
     return out
+
+
+def _write(directory: Path, manifest: dict[str, Any]) -> None:
+    """The manifest of what is there."""
+    files = [file.model_dump() for file in list_files(directory)]
+    (directory / "manifest.json").write_text(json.dumps(manifest | {"files": files}))
 
 
 def _frame_row(dataset: str, file: str, time_ns: int, cube: Any) -> dict[str, Any]:
