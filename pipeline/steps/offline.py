@@ -9,10 +9,11 @@ from pipeline.steps.policy import Matrix
 from pipeline.steps.session import Session
 from pipeline.steps.sources import complete
 from schemas.errors import ConfigError
-from stages.policy.config import MatrixConfig
+from stages.policy.config import MatrixConfig, RunConfig
 from stages.sim.config import WorldConfig
 
 _ALIKE = ("task", "scheme", "misalignment_kind", "misalignment_deg")
+_POLICY_DEFAULTS = RunConfig().model_dump(mode="json")
 
 
 def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[Matrix], str | None]:
@@ -28,6 +29,7 @@ def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[
     configs = {each: load(session.root, each).config for each in ids}
     world = _same("world", configs)
     estimator, proprioception = _same("estimator", configs), _same("policy.proprioception", configs)
+    oracle_sees = _same("policy.oracle_sees", configs)
     groups: dict[tuple[Any, ...], list[str]] = {}
     for each, config in configs.items():
         groups.setdefault(tuple(config["run"][key] for key in _ALIKE), []).append(each)
@@ -39,6 +41,7 @@ def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[
                 "misalignment_kind": kind,
                 "misalignment_degrees": (degrees,),
                 "proprioception": proprioception,
+                "oracle_sees": oracle_sees,
                 "warmup_episodes": 0,  # nothing is tried out at random
                 "switch_episode": 0,  # rewards are as logged; what is learnt is judged by the scheme's last
             }
@@ -50,10 +53,10 @@ def matrices(session: Session, name: str, offline: Sequence[str]) -> tuple[list[
 
 
 def _same(key: str, configs: dict[str, dict[str, Any]]) -> Any:
-    """What all sources have of a dotted key."""
+    """What all sources have of a dotted key; one that is newer than a source had its default then."""
     found: dict[str, Any] = {}
-    for each, config in configs.items():
-        value: Any = config
+    for each, made_with in configs.items():
+        value: Any = made_with | {"policy": _POLICY_DEFAULTS | made_with["policy"]}
         for part in key.split("."):
             value = value[part]
         found.setdefault(repr(value), (each, value))

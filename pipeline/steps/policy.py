@@ -12,7 +12,7 @@ from pipeline.machine import require_device, require_gl, require_sim
 from pipeline.matrix import Cell, cells
 from pipeline.steps.session import Did, Outcome, Session
 from schemas.manifest import InputRef, Manifest
-from stages.policy.config import RunConfig
+from stages.policy.config import RunConfig, acts_on_truth
 from stages.sim.config import WorldConfig
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ class Work(NamedTuple):
 
 
 def estimator_needed(session: Session) -> bool:
-    """Some cell acts on estimates; the oracle acts on the truth."""
-    return any(cell.scheme != "oracle" for cell in cells(session.config.policy))
+    """Some cell acts on estimates; the oracle acts on the truth, unless it is told otherwise."""
+    return not all(acts_on_truth(cell.scheme, cell.config) for cell in cells(session.config.policy))
 
 
 def requests(matrix: Matrix, estimator: str | None) -> list[tuple[Cell, Request]]:

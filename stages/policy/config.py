@@ -66,6 +66,9 @@ class RunConfig(Config):
     updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
     proprioception: Literal["forward_kinematics", "joints"] = "forward_kinematics"
     """forward_kinematics adds gripper position and estimated cube-gripper vector; joints: the paper's list."""
+    oracle_sees: Literal["truth", "estimate"] = "truth"
+    """oracle: the cube position it observes; truth: the paper's. With estimate its reward alone is true: what a policy
+    that acts on estimates could learn, were nothing wrong with its reward."""
     eval_every: Annotated[int, Field(ge=1)] = 20
     """Training episodes between evaluations."""
     eval_episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 5
@@ -118,6 +121,11 @@ class MatrixConfig(RunConfig):
         return MatrixConfig.model_validate(merged)
 
 
+def acts_on_truth(scheme: Scheme, config: RunConfig) -> bool:
+    """Whether the policy observes the cube's true position, not an estimate."""
+    return scheme == "oracle" and config.oracle_sees == "truth"
+
+
 @dataclass(frozen=True)
 class RunSpec:
     """One cell of a matrix: what to train, and where its logs go."""
@@ -139,6 +147,11 @@ class RunSpec:
         """What every row of its log says of it."""
         names = ("task", "scheme", "misalignment_kind", "misalignment_deg", "seed")
         return {"run": self.run_id} | {name: getattr(self, name) for name in names}
+
+    @property
+    def acts_on_truth(self) -> bool:
+        """It observes the cube's true position: no estimator is needed to train it."""
+        return acts_on_truth(self.scheme, self.config)
 
 
 @dataclass(frozen=True)

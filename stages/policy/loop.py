@@ -85,7 +85,7 @@ class Lockstep:
         self._worlds, self._estimator, self._td3, self._threads = worlds, estimator, td3, threads
         self._overlap, self._recorder = overlap, recorder
         self._learner = Learner(self.specs, td3, buffer, self.logs)
-        self._oracle = np.array([spec.scheme == "oracle" for spec in specs])[:, None]
+        self._acts_on_truth = np.array([spec.acts_on_truth for spec in specs])[:, None]
         self._columns = EpisodeColumns(len(specs), self.horizon, td3.actor_net.sizes[0], worlds.action_dim)
 
     @property
@@ -193,7 +193,7 @@ class Lockstep:
             estimates = np.full_like(truth, np.nan)
         else:
             estimates = self._estimator.predict(self._worlds.frames)
-        seen = np.where(self._oracle, truth, estimates)
+        seen = np.where(self._acts_on_truth, truth, estimates)
         observation = observe(states, seen, self.config.proprioception)
         return observation, estimates, score(self.specs[0].task, states, estimates)
 

@@ -34,8 +34,8 @@ def run(
         ConfigError: a scheme needs an estimator and there is none.
         MachineError: no GPU where one was asked for, no OpenGL, or a worker died.
     """
-    if estimator is None and any(spec.scheme != "oracle" for spec in specs):
-        raise ConfigError("only the oracle needs no estimator: name one with --estimator")
+    if estimator is None and not all(spec.acts_on_truth for spec in specs):
+        raise ConfigError("only an oracle that sees the truth needs no estimator: name one with --estimator")
     if resources.device == "cuda" and not torch.cuda.is_available():
         raise MachineError("device = cuda, but torch finds no GPU; set policy.device=cpu")
     missing = []

@@ -19,8 +19,8 @@ ReplaceCube = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Observer:
     """Sees episodes again as the new scheme's policy would have seen them."""
 
-    def __init__(self, scheme: str, eye: Eye | None, replace_cube: ReplaceCube, stack: ExitStack) -> None:
-        self._scheme, self._eye, self._replace_cube = scheme, eye, replace_cube
+    def __init__(self, on_truth: bool, eye: Eye | None, replace_cube: ReplaceCube, stack: ExitStack) -> None:
+        self._on_truth, self._eye, self._replace_cube = on_truth, eye, replace_cube
         self._onlooker = Onlooker(stack, image_size=eye.image_size, otherwise=eye.camera) if eye else None
 
     def again(self, logged: LoggedEpisode) -> LoggedEpisode:
@@ -34,7 +34,7 @@ class Observer:
         if self._eye and self._onlooker:
             cubes = self._eye.predict(self._onlooker.watch(logged).frames)  # (n + 1, 3)
             logged = reestimate(logged, cubes[1:], self._eye.name)
-        if self._scheme == "oracle":
+        if self._on_truth:
             first = World(scene_of(logged), logged.task, compiled=False).reset(logged.initial_state)["cube_position"]
             cubes = np.concatenate([first[None], logged.vector("cube_true")])
         return logged if cubes is None else self._seeing(logged, cubes)

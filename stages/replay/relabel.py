@@ -24,7 +24,7 @@ from stages.replay import relabelling
 from stages.replay.logs import LoggedEpisode, check_part, columns, episode_of, read_episodes
 from stages.replay.observer import Observer, ReplaceCube
 from stages.replay.reestimate import Eye
-from stages.replay.relabelling import Rows
+from stages.replay.relabelling import Rows, acts_on_truth
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def check_possible(manifest: Manifest, scheme: str, estimated_again: bool) -> No
     Raises:
         ConfigError: it would have been given estimates, and the run acted on the true state.
     """
-    if manifest.config["run"]["scheme"] == "oracle" and scheme != "oracle" and not estimated_again:
+    if acts_on_truth(manifest.config) and scheme != "oracle" and not estimated_again:
         raise ConfigError(
             f"{manifest.id} saw the true state and {scheme} sees estimates: name with --estimator who makes them"
         )
@@ -96,7 +96,7 @@ def _relabelled(source: _Source, part: Path, labels: Labels, task: Task) -> pa.T
     table = read_parquet(part)
     changed: list[Rows] = []
     with ExitStack() as stack:
-        observer = Observer(labels.scheme, labels.eye, labels.replace_cube, stack)
+        observer = Observer(acts_on_truth(labels.config), labels.eye, labels.replace_cube, stack)
         for rows in _by_episode(columns(table)):
             summary = source.summaries.get((str(rows["split"][0]), int(rows["episode"][0])))
             if summary is None:

@@ -26,6 +26,11 @@ def reward_of(scheme: str, rows: Rows, sparse: np.ndarray) -> np.ndarray:
     return np.where(sparse, rows["reward_sparse"], dense)
 
 
+def acts_on_truth(config: dict[str, Any]) -> bool:
+    """Whether the policy of a run's configuration observes the cube's true position, not an estimate."""
+    return config["run"]["scheme"] == "oracle" and config["policy"].get("oracle_sees", "truth") == "truth"
+
+
 def used(config: dict[str, Any], rows: Rows) -> np.ndarray:
     """What TD3 is given (n,) under the scheme and the switch of a run's configuration."""
     scheme, trained = config["run"]["scheme"], trained_episode(rows, config["world"]["horizon"])

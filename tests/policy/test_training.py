@@ -85,6 +85,16 @@ class TestLog:
             cube = np.stack([rows[f"{seen}_{axis}"] for axis in "xyz"], 1)
             assert np.allclose(rows["next_observation"][:, :3], cube, atol=1e-6)
 
+    def test_an_oracle_told_to_acts_on_the_estimate_and_keeps_the_true_reward(self, tmp_path: Path) -> None:
+        config = CONFIG.model_copy(update={"oracle_sees": "estimate"})
+        [spec] = run_specs(tmp_path, ("oracle",), config)
+        trained([spec])
+        rows = transitions(spec)
+        cube = np.stack([rows[f"cube_est_{axis}"] for axis in "xyz"], 1)
+        assert np.allclose(rows["next_observation"][:, :3], cube, atol=1e-6)
+        assert not np.allclose(rows["reward_dense_true"], rows["reward_dense_est"])
+        assert np.array_equal(rows["reward_used"], rows["reward_dense_true"])
+
     def test_evaluations_report_the_dense_true_reward(self, tmp_path: Path) -> None:
         [spec] = run_specs(tmp_path, ("sparse",))
         [result] = trained([spec])

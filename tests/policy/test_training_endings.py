@@ -405,6 +405,9 @@ class TestFailures:
     def test_without_an_estimator_only_the_oracle_trains(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="--estimator"):
             trained(run_specs(tmp_path, ("dense",)), estimator=False)
+        blind = CONFIG.model_copy(update={"oracle_sees": "estimate"})
+        with pytest.raises(ConfigError, match="--estimator"):
+            trained(run_specs(tmp_path, ("oracle",), blind), estimator=False)
         [spec] = run_specs(tmp_path, ("oracle",))
         [result] = trained([spec], estimator=False)
         rows = pq.read_table(spec.out / "episodes.parquet").to_pylist()

@@ -144,6 +144,8 @@ def test_what_was_never_seen_cannot_be_labelled(fresh_run: Any) -> None:
     check_possible(manifest, "dense", estimated_again=True)
     with pytest.raises(ConfigError, match="saw the true state and sparse sees estimates: name with --estimator"):
         check_possible(manifest, "sparse", estimated_again=False)
+    edit_manifest(run_dir, config=manifest.config | {"policy": manifest.config["policy"] | {"oracle_sees": "estimate"}})
+    check_possible(read_manifest(run_dir), "sparse", estimated_again=False)
 
 
 def test_a_run_without_transitions(fresh_run: Any, tmp_path: Path) -> None:
