@@ -5,13 +5,13 @@ WITH step AS (
            max(cube_true_x) FILTER (WHERE step = 0) AS x, max(cube_true_y) FILTER (WHERE step = 0) AS y,
            avg(abs(reward_dense_est - reward_dense_true)) AS reward_error
     FROM transitions
-    WHERE split = 'final' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND name IN ('laptop'))
+    WHERE split = 'final' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2'))
     GROUP BY run, episode
 ), episode AS (
     SELECT split_part(run, '/', 1) AS name, * EXCLUDE (split)
     FROM (SELECT run, task, misalignment_kind, misalignment_deg, scheme, seed, split, episode,
                  return_dense_true AS return, mean_estimation_error AS estimation_error FROM episodes)
-    WHERE split = 'final' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND name IN ('laptop'))
+    WHERE split = 'final' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2'))
 ), final AS (  -- with what the oracle gets from the same start
     SELECT e.*, s.x, s.y, s.reward_error, oracle.return - e.return AS lost_return
     FROM episode AS e JOIN step AS s USING (run, episode)

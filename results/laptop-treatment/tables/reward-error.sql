@@ -5,7 +5,7 @@ SELECT split_part(run, '/', 1) AS name, task, misalignment_kind, misalignment_de
        avg(reward_dense_est - reward_dense_true) AS bias,
        count(*) AS steps
 FROM transitions
-WHERE scheme <> 'oracle' AND reward_dense_est IS NOT NULL AND distance_true < 0.5 AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND name IN ('laptop'))
+WHERE scheme <> 'oracle' AND reward_dense_est IS NOT NULL AND distance_true < 0.5 AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2'))
 GROUP BY ALL
 HAVING steps >= 20
 ORDER BY ALL

@@ -7,7 +7,7 @@ SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, statu
        (config->>'$.policy.td3.gamma')::DOUBLE AS gamma,
        (config->>'$.policy.td3.exploration_noise')::DOUBLE AS exploration_noise,
        (config->>'$.policy.td3.preactivation_penalty')::DOUBLE AS preactivation_penalty, config_sha256,
-       name IN ('laptop') AS main
+       run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') AS main
 FROM runs
-WHERE (name IN ('laptop') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel'))
+WHERE (run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-touch-none', 'laptop-touch-pads'))
 ORDER BY run

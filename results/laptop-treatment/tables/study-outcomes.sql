@@ -1,6 +1,6 @@
 -- where each run of each study ended, and the main runs of the same task, scheme and misalignment beside it
-WITH member (study, name, main) AS (VALUES ('buffer', 'laptop-buffer-relabel', false), ('buffer', 'laptop-buffer-empty', false), ('buffer', 'laptop', true)),
-candidate AS (SELECT * FROM runs JOIN member USING (name) WHERE (name IN ('laptop') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel'))),
+WITH member (study, name, main) AS (VALUES ('buffer', 'laptop-buffer-relabel', false), ('buffer', 'laptop-buffer-empty', false), ('buffer', 'laptop', true), ('networks', 'laptop-networks-critics', false), ('networks', 'laptop-networks-all', false), ('networks', 'laptop', true), ('touch', 'laptop-touch-pads', false), ('touch', 'laptop-touch-none', false), ('touch', 'laptop', true)),
+candidate AS (SELECT * FROM runs JOIN member USING (name) WHERE (run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-touch-none', 'laptop-touch-pads'))),
 setting AS (
     SELECT DISTINCT study, task, scheme, misalignment_kind, misalignment_deg FROM candidate WHERE NOT main
 )

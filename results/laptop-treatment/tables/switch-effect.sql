@@ -1,6 +1,6 @@
 -- last evaluation before the switch against the last one of training; `dense` over the same episodes is the control
 WITH curve AS (
-    SELECT *, split_part(run, '/', 1) AS name FROM evaluations WHERE split = 'eval' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND name IN ('laptop'))
+    SELECT *, split_part(run, '/', 1) AS name FROM evaluations WHERE split = 'eval' AND run IN (SELECT run FROM runs WHERE status <> 'failed' AND run IN ('laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2'))
 ), switched AS (
     SELECT name, task, misalignment_kind, misalignment_deg, seed,
            max(after_episode) FILTER (WHERE phase <> 'sparse') AS before_episode,
