@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     epilog="""\b
 Example:
   pipeline compare demo
-  pipeline compare laptop laptop-treatment-relabel-none --save compared.html
+  pipeline compare laptop laptop-buffer-relabel --save compared.html
   pipeline compare demo/reach-dense-orbit00-seed0 demo/reach-dense2sparse-orbit00-seed0 --json
 """
 )
