@@ -3,7 +3,7 @@
 WITH judged AS (
     SELECT run, seed, main, split_part(run, '/', 1) AS name, task, misalignment_kind, misalignment_deg, scheme, split, episode, return_dense_true, success,
            max(split = 'final') OVER (PARTITION BY run) AS has_final
-    FROM episodes JOIN (SELECT run, run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') AS main FROM runs WHERE status <> 'failed' AND (run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-ceiling-estimate', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-touch-none', 'laptop-touch-pads'))) USING (run)
+    FROM episodes JOIN (SELECT run, run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') AS main FROM runs WHERE status <> 'failed' AND (run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-ceiling-estimate', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-switch-50', 'laptop-touch-none', 'laptop-touch-pads'))) USING (run)
     WHERE split <> 'train'
 ), ranked AS (
     SELECT *,

@@ -9,5 +9,5 @@ SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, statu
        (config->>'$.policy.td3.preactivation_penalty')::DOUBLE AS preactivation_penalty, config_sha256,
        run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') AS main
 FROM runs
-WHERE (run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-ceiling-estimate', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-touch-none', 'laptop-touch-pads'))
+WHERE (run IN ('laptop/lift-oracle-orbit00-seed2', 'laptop/reach-dense2sparse-orbit10-seed0', 'laptop/reach-dense2sparse-orbit10-seed1', 'laptop/reach-dense2sparse-orbit10-seed2') OR name IN ('laptop-buffer-empty', 'laptop-buffer-relabel', 'laptop-ceiling-estimate', 'laptop-networks-all', 'laptop-networks-critics', 'laptop-switch-50', 'laptop-touch-none', 'laptop-touch-pads'))
 ORDER BY run
