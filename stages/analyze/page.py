@@ -12,7 +12,7 @@ from markupsafe import Markup
 from stages.analyze import formats
 from stages.analyze.figures import export, theme
 from stages.analyze.figures.figure import Figure
-from stages.analyze.results import SCHEMES
+from stages.analyze.results import SCHEMES, schemes_of
 
 _ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("stages.analyze"),
@@ -57,9 +57,4 @@ def _bundle() -> str:
     return vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;").replace("</script", "<\\/script")
 
 
-def _schemes_of(figure: Figure) -> list[str]:
-    present = {row["scheme"] for row in figure.rows}
-    return [scheme for scheme in SCHEMES if scheme in present]
-
-
-_ENVIRONMENT.filters |= {**formats.FILTERS, "schemes_of": _schemes_of}
+_ENVIRONMENT.filters |= {**formats.FILTERS, "schemes_of": schemes_of}

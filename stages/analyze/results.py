@@ -24,6 +24,12 @@ class Answer:
     rows: list[Row]
 
 
+def schemes_of(rows: Sequence[Row]) -> list[str]:
+    """Schemes that the rows name, in the order of `SCHEMES`."""
+    present = {row["scheme"] for row in rows}
+    return [scheme for scheme in SCHEMES if scheme in present]
+
+
 def rows_of(answers: Mapping[str, Answer], name: str) -> list[Row]:
     """The rows of an answer; none where the question was not asked."""
     return answers[name].rows if name in answers else []

@@ -21,3 +21,14 @@ def test_curves_reach_as_far_as_the_data(task: str, mean: float) -> None:
     drawn = json.dumps(figure.panels[0].draw(False).to_dict())
     assert f'"domain": [0, {1.04 * (mean + 10.0)}]' in drawn
     assert f'"high": {mean + 10.0}' in drawn
+
+
+def test_a_still_names_the_schemes_it_shows() -> None:
+    """One legend for all panels, of the schemes in any of them, in the order of every table."""
+    rows = [
+        ROW | {"scheme": scheme, "misalignment_deg": degrees, "mean": 30.0}
+        for scheme, degrees in [("dense", 0.0), ("oracle", 10.0), ("dense", 10.0)]
+    ]
+    figure = learning_curves(Links([]), "reach", rows, [], "")
+    drawn = [layer for panel in figure.panels for layer in panel.draw(False).to_dict()["layer"]]
+    assert [layer["encoding"]["color"]["legend"]["values"] for layer in drawn] == 4 * [["oracle", "dense"]]

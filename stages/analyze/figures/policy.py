@@ -10,7 +10,7 @@ import altair as alt
 from stages.analyze.behind import Links
 from stages.analyze.figures import theme
 from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, centimetres, leading, setting, values
-from stages.analyze.results import SCHEMES, Row, misalignment
+from stages.analyze.results import SCHEMES, Row, misalignment, schemes_of
 
 _PAPER = {"reach": "fig4-reach", "lift": "fig5-lift"}
 """Names of the figures that the paper has too, by task."""
@@ -20,9 +20,9 @@ def learning_curves(links: Links, task: str, rows: list[Row], switches: list[Row
     """Paper's Figs. 4 (a, c, e) and 5 (a): mean and standard deviation over seeds, one panel a misalignment."""
     shown = [row | {"recording": links.of_group(row)} for row in rows]
     reached = max((row["mean"] + (row["std"] or 0.0) for row in rows), default=0.0)
-    top = 1.04 * reached
+    draw = partial(_curves_panel, top=1.04 * reached, legend=schemes_of(rows))
     panels = [
-        Panel(title, _curves_panel(part, [row for row in switches if setting(row) == setting(part[0])], top))
+        Panel(title, draw(part, [row for row in switches if setting(row) == setting(part[0])]))
         for title, part in by_setting(shown)
     ]
     caption = (
@@ -34,7 +34,7 @@ def learning_curves(links: Links, task: str, rows: list[Row], switches: list[Row
     return Figure(id, title, caption, tuple(panels), "learning-curves", sql, rows, legend=True)
 
 
-def _curves_panel(rows: list[Row], switches: list[Row], top: float) -> Callable[[bool], Drawing]:
+def _curves_panel(rows: list[Row], switches: list[Row], top: float, legend: list[str]) -> Callable[[bool], Drawing]:
     def draw(page: bool) -> Drawing:
         data = values(
             rows,
@@ -42,7 +42,7 @@ def _curves_panel(rows: list[Row], switches: list[Row], top: float) -> Callable[
             high=lambda row: None if row["std"] is None else row["mean"] + row["std"],
         )
         x = alt.X("after_episode:Q", title="training episodes", scale=alt.Scale(zero=True))
-        base = alt.Chart(data).encode(x=x, color=theme.scheme_colour(legend=not page))
+        base = alt.Chart(data).encode(x=x, color=theme.scheme_colour([] if page else legend))
         y = alt.Y("mean:Q", title="episode reward", scale=alt.Scale(domain=[0, top], nice=True))
         return alt.layer(
             base.mark_area(opacity=0.16).encode(y=alt.Y("low:Q"), y2="high:Q"),
@@ -72,7 +72,7 @@ def _ends(rows: list[Row], x: alt.X, y: alt.Y) -> list[alt.Chart]:
     recorded = [row for row in last.values() if row["recording"]]
 
     def points(part: list[Row]) -> alt.Chart:
-        colour, shape = theme.scheme_colour(legend=False), theme.scheme_shape()
+        colour, shape = theme.scheme_colour(), theme.scheme_shape()
         marks = alt.Chart(values(part)).mark_point(filled=True, size=60, opacity=1)
         return marks.encode(x=x, y=y, color=colour, shape=shape, tooltip=_evaluation())
 
@@ -102,7 +102,7 @@ def _switch_rule(switches: list[Row]) -> list[alt.Chart]:
 def success(links: Links, task: str, rows: list[Row], sql: str) -> Figure:
     """Paper's Figs. 4 (b, d, f) and 5 (b): success rate of the trained policies, one panel a misalignment."""
     shown = [row | {"recording": links.of_run(row["run"])} for row in rows]
-    panels = [Panel(title, _success_panel(part)) for title, part in by_setting(shown)]
+    panels = [Panel(title, _success_panel(part, schemes_of(rows))) for title, part in by_setting(shown)]
     caption = (
         "Share of episodes that succeed: in the final evaluation, or in the last one made where a run has no final "
         "evaluation yet. Bar: mean over seeds; line: one standard deviation; points: the seeds, in the report with a "
@@ -112,12 +112,12 @@ def success(links: Links, task: str, rows: list[Row], sql: str) -> Figure:
     return Figure(id, title, caption, tuple(panels), "outcomes", sql, rows, legend=True)
 
 
-def _success_panel(rows: list[Row]) -> Callable[[bool], Drawing]:
+def _success_panel(rows: list[Row], legend: list[str]) -> Callable[[bool], Drawing]:
     def draw(page: bool) -> Drawing:
         axis = alt.Axis(labelAngle=0, labelExpr="datum.label == 'dense2sparse' ? ['dense2', 'sparse'] : datum.label")
         x = alt.X("scheme:N", sort=list(SCHEMES), title=None, axis=axis)
         base = alt.Chart(alt.InlineData(values=_success_bars(rows))).encode(x=x)
-        colour = theme.scheme_colour(legend=not page)
+        colour = theme.scheme_colour([] if page else legend)
         scale = alt.Scale(domain=[0, 105], nice=False)
         y = alt.Y("mean:Q", title="success [%]", scale=scale, axis=alt.Axis(values=[0, 25, 50, 75, 100]))
         tooltip = ["scheme:N", *(alt.Tooltip(f"{part}:Q", format=".1f") for part in ("mean", "std")), "seeds:Q"]

@@ -7,7 +7,7 @@ import altair as alt
 from stages.analyze.behind import Links
 from stages.analyze.figures import theme
 from stages.analyze.figures.figure import Drawing, Figure, Panel, by_setting, leading
-from stages.analyze.results import Row
+from stages.analyze.results import Row, schemes_of
 from stages.analyze.studies import Study, Variant, flat
 
 
@@ -23,10 +23,11 @@ def study(links: Links, asked: Study, variants: Sequence[Variant], sql: str) -> 
     if not rows:
         return None
     tasks = sorted({row["task"] for row in rows}, key=lambda task: (task != "reach", task))
+    schemes = schemes_of(rows)
     panels = []
     for task in tasks:
         mine = [row | {"name": task} for row in rows if row["task"] == task]
-        panels += [Panel(f"{task} · {title}", _panel(part, asked)) for title, part in by_setting(mine)]
+        panels += [Panel(f"{task} · {title}", _panel(part, asked, schemes)) for title, part in by_setting(mine)]
     keys = ", ".join(key.split(".")[-1] for key in asked.keys)
     caption = (
         f"Episode reward of the trained policies by {keys}. Point: mean over seeds; line: its bootstrap interval; "
@@ -37,7 +38,7 @@ def study(links: Links, asked: Study, variants: Sequence[Variant], sql: str) -> 
     return Figure(f"study-{asked.name}", title, caption, tuple(panels), "study-outcomes", sql, shown, legend=True)
 
 
-def _panel(rows: list[Row], asked: Study) -> Callable[[bool], Drawing]:
+def _panel(rows: list[Row], asked: Study, legend: list[str]) -> Callable[[bool], Drawing]:
     labels = list(dict.fromkeys(row["label"] for row in rows))
     schemes = list(dict.fromkeys(row["scheme"] for row in rows))
 
@@ -46,7 +47,7 @@ def _panel(rows: list[Row], asked: Study) -> Callable[[bool], Drawing]:
         y = alt.Y("label:N", sort=labels, title=title, axis=alt.Axis(labelLimit=150, domain=False, ticks=False))
 
         def base(part: list[Row]) -> alt.Chart:
-            chart = alt.Chart(_data(part)).encode(y=y, color=theme.scheme_colour(legend=not page))
+            chart = alt.Chart(_data(part)).encode(y=y, color=theme.scheme_colour([] if page else legend))
             return chart.encode(yOffset=alt.YOffset("scheme:N", sort=schemes)) if len(schemes) > 1 else chart
 
         def points(part: list[Row]) -> alt.Chart:

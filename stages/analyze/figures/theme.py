@@ -1,5 +1,6 @@
 """How charts look. Colours and line styles belong to schemes and never change between figures."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import altair as alt
@@ -21,10 +22,11 @@ _DARK = {"text": "#e6e9ed", "muted": "#9aa4af", "line": "#3a424b", "grid": "#272
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 
-def scheme_colour(legend: bool) -> alt.Color:
-    """Colour channel of schemes."""
+def scheme_colour(legend: Sequence[str] = ()) -> alt.Color:
+    """Colour channel of schemes, with a legend of these; none: without one."""
     scale = alt.Scale(domain=list(SCHEMES), range=[COLOURS[scheme] for scheme in SCHEMES])
-    return alt.Color("scheme:N", scale=scale, legend=alt.Legend(title=None, symbolOpacity=1) if legend else None)
+    shown = alt.Legend(title=None, symbolOpacity=1, values=list(legend)) if legend else None
+    return alt.Color("scheme:N", scale=scale, legend=shown)
 
 
 def scheme_dash() -> alt.StrokeDash:
