@@ -50,6 +50,30 @@ class TD3Config(Config):
     """Arithmetic of the hidden layers in updates; float32 where a CPU has no bfloat16."""
 
 
+Size = Annotated[float, Field(gt=0, le=1e6)]
+
+
+class ObservationScale(Config):
+    """Typical sizes, by which entries of the observation are divided on their way into the networks; 1: as they are.
+
+    Lengths of centimetres beside angles of radians are seen late: first layers are drawn as if all were of one size.
+    Logs, saved policies and their observations stay in metres and radians.
+    """
+
+    cube: Size = 1.0
+    """Cube position [m]."""
+    qpos: Size = 1.0
+    """Joint positions [rad]."""
+    qvel: Size = 1.0
+    """Joint velocities [rad/s]."""
+    gripper_opening: Size = 1.0
+    """[m]"""
+    eef: Size = 1.0
+    """Gripper point [m]."""
+    cube_to_eef: Size = 1.0
+    """Cube − gripper point [m]."""
+
+
 class RunConfig(Config):
     """One run but for its identity: what every cell of a matrix shares."""
 
@@ -66,6 +90,7 @@ class RunConfig(Config):
     updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
     proprioception: Literal["forward_kinematics", "joints"] = "forward_kinematics"
     """forward_kinematics adds gripper position and estimated cube-gripper vector; joints: the paper's list."""
+    observation_scale: ObservationScale = ObservationScale()
     oracle_sees: Literal["truth", "estimate"] = "truth"
     """oracle: the cube position it observes; truth: the paper's. With estimate its reward alone is true: what a policy
     that acts on estimates could learn, were nothing wrong with its reward."""
@@ -81,6 +106,10 @@ class RunConfig(Config):
     frames are rendered again by a replay."""
     log_updates_every: Annotated[int, Field(ge=1)] = 100
     td3: TD3Config = TD3Config()
+
+
+_SECTIONS = ("td3", "observation_scale")
+"""Keys of a run's configuration that have keys of their own: a task overrides these one by one."""
 
 
 class MatrixConfig(RunConfig):
@@ -117,8 +146,8 @@ class MatrixConfig(RunConfig):
         """This matrix for one task, its overrides applied."""
         overrides = getattr(self, task)
         base = self.model_dump(exclude={"reach", "lift"})
-        merged = {**base, **overrides, "td3": {**base["td3"], **overrides.get("td3", {})}, "tasks": (task,)}
-        return MatrixConfig.model_validate(merged)
+        merged = {key: base[key] | overrides.get(key, {}) for key in _SECTIONS}
+        return MatrixConfig.model_validate({**base, **overrides, **merged, "tasks": (task,)})
 
 
 def acts_on_truth(scheme: Scheme, config: RunConfig) -> bool:

@@ -13,7 +13,7 @@ from stages.policy.checkpoint import Position
 from stages.policy.config import RunResult, RunSpec
 from stages.policy.log import RunLog
 from stages.policy.loop import Lockstep
-from stages.policy.observation import observation_dim
+from stages.policy.observation import observation_dim, sizes
 from stages.policy.recorder import Recorder
 from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.resources import Share
@@ -77,8 +77,7 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
     for row, (spec, log) in enumerate(zip(group, logs, strict=True)):
         if spec.sources:
             offline.fill(buffer, row, spec.sources)
-            if spec.config.td3.behaviour_cloning is not None:
-                td3.standardise(row, *buffer.standardise(row))
+        _standardise(td3, buffer, row, spec)
         if position == START:
             log.restore({"episodes": 0, "evaluations": 0, "updates": 0})
             continue
@@ -86,6 +85,15 @@ def _resume(group: list[RunSpec], td3: TD3, buffer: ReplayBuffer, logs: list[Run
         if not spec.sources:
             _refill(buffer, row, spec, log, position.episodes)
     return position
+
+
+def _standardise(td3: TD3, buffer: ReplayBuffer, row: int, spec: RunSpec) -> None:
+    """What the run's networks see: observations by typical sizes, or, in TD3+BC, by those that its logs have."""
+    if spec.sources and spec.config.td3.behaviour_cloning is not None:
+        td3.standardise(row, *buffer.moments(row))
+    else:
+        deviation = sizes(spec.config.observation_scale, spec.config.proprioception)
+        td3.standardise(row, np.zeros_like(deviation), deviation)
 
 
 def _refill(buffer: ReplayBuffer, row: int, spec: RunSpec, log: RunLog, episodes: int) -> None:

@@ -41,16 +41,10 @@ class ReplayBuffer:
         self._next[run] = (self._next[run] + len(reward)) % self.capacity
         self.size[run] = min(self.size[run] + len(reward), self.capacity)
 
-    def standardise(self, run: int) -> tuple[np.ndarray, np.ndarray]:
-        """Observations of a run that is to get no more of them: each entry less its mean, by its standard deviation.
-
-        Returns both, (o,) each, with which to standardise what the policy will see (TD3+BC, Fujimoto & Gu 2021, §5).
-        """
-        rows = slice(self.size[run])
-        seen = self._observation[run, rows].astype(np.float64)
+    def moments(self, run: int) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation, (o,) float32 each, of a run's observations (TD3+BC, Fujimoto & Gu 2021, §5)."""
+        seen = self._observation[run, : self.size[run]].astype(np.float64)
         mean, deviation = seen.mean(axis=0), seen.std(axis=0) + _LEAST_DEVIATION
-        for array in (self._observation, self._next_observation):
-            array[run, rows] = (array[run, rows] - mean) / deviation
         return mean.astype(np.float32), deviation.astype(np.float32)
 
     def switch(self, run: int, treatment: str) -> None:

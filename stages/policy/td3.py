@@ -74,7 +74,8 @@ class TD3:
         self.actor_optimiser = StackedAdam(self.actor, config.learning_rate)
         self.critic_optimiser = StackedAdam(self.critic, config.learning_rate)
         self.updates = torch.zeros(n, 1)  # on the CPU: it decides what is computed
-        self._mean, self._deviation = torch.zeros(n, observation_dim), torch.ones(n, observation_dim)
+        self._mean = torch.zeros(n, 1, observation_dim, device=device)
+        self._deviation = torch.ones_like(self._mean)
         for row in range(n):
             self.draw(row, "all", 0)
 
@@ -90,8 +91,12 @@ class TD3:
             self.actor_optimiser.forget(row)
 
     def standardise(self, row: int, mean: np.ndarray, deviation: np.ndarray) -> None:
-        """From now on a run's batches are of standardised observations, by (o,) each; `act` standardises its own."""
+        """From now on a run's networks see every observation less this mean, by this deviation; (o,) each."""
         self._mean[row], self._deviation[row] = torch.from_numpy(mean), torch.from_numpy(deviation)
+
+    def _standardised(self, observation: Tensor) -> Tensor:
+        """Observations (n, b, o) as the networks see them."""
+        return (observation - self._mean) / self._deviation
 
     def of_raw_observations(self, row: int, network: dict[str, Tensor]) -> dict[str, Tensor]:
         """A run's network by layers (see `StackedMLP.named`) as the same function of observations as they are.
@@ -99,7 +104,7 @@ class TD3:
         Its first layer takes the standardisation in: (x − μ) / σ · W + b = x · W / σ + b − μ / σ · W.
         """
         weight, bias = network["0.weight"].clone(), network["0.bias"]
-        mean, deviation = self._mean[row].to(weight.device), self._deviation[row].to(weight.device)
+        mean, deviation = self._mean[row, 0], self._deviation[row, 0]
         weight[: len(mean)] /= deviation[:, None]
         return network | {"0.weight": weight, "0.bias": bias - mean @ weight[: len(mean)]}
 
@@ -117,8 +122,7 @@ class TD3:
     @torch.no_grad()
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions (n, a) of the policies in float32, without noise, for observations (n, o)."""
-        standardised = (torch.from_numpy(observations) - self._mean) / self._deviation
-        inputs = standardised.to(self.device)[:, None].repeat(1, _ACT_ROWS, 1)
+        inputs = self._standardised(torch.from_numpy(observations).to(self.device)[:, None].repeat(1, _ACT_ROWS, 1))
         return self.actor_net.forward(self.actor_net.layers(self.actor), inputs).tanh()[:, 0].cpu().numpy()
 
     def update(self, batch: Batch, noise: Tensor, rows: Sequence[int] | None = None) -> Tensor:
@@ -133,6 +137,8 @@ class TD3:
             `METRICS` of every run (n, 6), NaN where there is none: of a run that pauses, of an actor's delayed update.
         """
         rows = list(range(len(self.actor)) if rows is None else rows)
+        seen, next_seen = self._standardised(batch.observation), self._standardised(batch.next_observation)
+        batch = batch._replace(observation=seen, next_observation=next_seen)
         metrics = torch.full((len(self.actor), len(METRICS)), torch.nan)
         self.updates[rows] += 1
         metrics[rows, :2], metrics[rows, 3:] = self._update_critic(batch, noise, rows)

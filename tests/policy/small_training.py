@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 
 from schemas.progress import Silent
 from stages.policy import train
-from stages.policy.config import RunConfig, RunResult, RunSpec, TD3Config
+from stages.policy.config import ObservationScale, RunConfig, RunResult, RunSpec, TD3Config
 from stages.policy.resources import Resources
 from stages.sim.config import WorldConfig
 
@@ -23,6 +23,7 @@ CONFIG = RunConfig(
     final_episodes=3,
     checkpoint_every=2,
     log_updates_every=4,
+    observation_scale=ObservationScale(cube=0.15, gripper_opening=0.03, cube_to_eef=0.05),
     td3=TD3Config(hidden=(8,), batch_size=16),
 )
 

@@ -208,6 +208,21 @@ def test_updates_do_not_depend_on_the_number_of_threads(precision: Precision) ->
         assert all(torch.equal(a, b) for a, b in zip(found[0], other, strict=True))
 
 
+def test_standardised_observations_are_learnt_from_as_if_they_came_so() -> None:
+    """Of one run of two, that pauses once; the other's stay as they are."""
+    mean, deviation = np.array([1.0, -2.0, 0.5], np.float32), np.array([0.5, 2.0, 4.0], np.float32)
+    by_td3, by_hand = TD3(SMALL, 3, 2, [0, 1]), TD3(SMALL, 3, 2, [0, 1])
+    by_td3.standardise(1, mean, deviation)
+    for seed, rows in ((0, [0, 1]), (1, [0]), (2, [1]), (3, [0, 1])):
+        batch = _batch(2, seed=seed)
+        by_td3.update(batch, torch.zeros(2, 4, 2), rows)
+        for seen in (batch.observation[1], batch.next_observation[1]):
+            seen -= torch.from_numpy(mean)
+            seen /= torch.from_numpy(deviation)
+        by_hand.update(batch, torch.zeros(2, 4, 2), rows)
+    assert torch.equal(by_td3.actor, by_hand.actor) and torch.equal(by_td3.critic, by_hand.critic)
+
+
 def test_a_paused_run_stays_exactly_as_it_is() -> None:
     td3 = TD3(SMALL, 3, 2, [0, 1])
     td3.update(_batch(2), torch.zeros(2, 4, 2))

@@ -95,6 +95,16 @@ class TestLog:
         assert not np.allclose(rows["reward_dense_true"], rows["reward_dense_est"])
         assert np.array_equal(rows["reward_used"], rows["reward_dense_true"])
 
+    def test_the_saved_policy_acts_as_logged_on_observations_as_logged(self, tmp_path: Path) -> None:
+        """Metres and radians in both: the sizes that its networks learnt with are within the saved first layer."""
+        [spec] = run_specs(tmp_path, ("oracle",))
+        trained([spec])
+        rows, saved = transitions(spec), load_file(spec.out / "checkpoints" / "policy.safetensors")
+        final = rows["split"] == "final"
+        hidden = np.maximum(rows["observation"][final] @ saved["actor.0.weight"] + saved["actor.0.bias"], 0)
+        acted = np.tanh(hidden @ saved["actor.1.weight"] + saved["actor.1.bias"])
+        np.testing.assert_allclose(acted, rows["action"][final], atol=1e-5)
+
     def test_evaluations_report_the_dense_true_reward(self, tmp_path: Path) -> None:
         [spec] = run_specs(tmp_path, ("sparse",))
         [result] = trained([spec])
