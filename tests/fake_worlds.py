@@ -12,6 +12,7 @@ from stages.sim.state import STATE_DTYPE
 
 STEP_NS = 50_000_000
 SPEED = 0.05  # [m] per step at action 1
+GRIPPER_RAMP = 0.2  # of its goal, −1 open to 1 closed, per step
 TOUCH = 0.035  # [m]
 
 
@@ -43,6 +44,9 @@ class FakeWorlds:
         moving = self.active
         self.states["eef"][moving] += SPEED * self._actions[moving, :3]
         self.states["qvel"][moving] = self._actions[moving, :7]
+        command = np.sign(self._actions[moving, 7]) if self.action_dim == 8 else 1.0
+        goal = self.states["gripper_goal"][moving] + GRIPPER_RAMP * command
+        self.states["gripper_goal"][moving] = np.clip(goal, -1, 1)
         self.states["time_ns"][moving] += STEP_NS
         for index, step in self.diverge_at.items():
             self.states["unstable"][index] |= self._step == step

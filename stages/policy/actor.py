@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -11,6 +10,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from schemas.errors import ArtifactError
+from stages.policy.config import Proprioception
 from stages.policy.observation import observation_dim, observe
 from stages.sim.config import TaskName, action_dim
 
@@ -19,7 +19,7 @@ class _Description(BaseModel):
     """What policy.json says of the network beside it; the rest of it is the run's summary."""
 
     hidden: tuple[int, ...]
-    proprioception: Literal["forward_kinematics", "joints"]
+    proprioception: Proprioception
     task: TaskName
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -34,7 +34,9 @@ class _Description(BaseModel):
 class PolicyActor:
     """Acts on the true state: collection knows the cube, and the estimator that will see the frames is yet to come."""
 
-    def __init__(self, layers: list[tuple[torch.Tensor, torch.Tensor]], proprioception: str, task: str) -> None:
+    def __init__(
+        self, layers: list[tuple[torch.Tensor, torch.Tensor]], proprioception: Proprioception, task: str
+    ) -> None:
         self._layers, self._proprioception, self.task = layers, proprioception, task
 
     @torch.no_grad()

@@ -10,6 +10,7 @@ from schemas.config import Config, Device, Precision
 from stages.sim.config import MisalignmentKind, TaskName, WorldConfig
 
 Scheme = Literal["dense", "sparse", "oracle", "dense2sparse"]
+Proprioception = Literal["gripper_goal", "forward_kinematics", "joints"]
 Degrees = Annotated[float, Field(ge=0, le=90)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 
@@ -37,6 +38,9 @@ class TD3Config(Config):
     target_noise_clip: Annotated[float, Field(ge=0)] = 0.5
     exploration_noise: Annotated[float, Field(ge=0, le=100)] = 0.2
     """Standard deviation of the Gaussian noise on training actions, of the normalised range."""
+    exploration_correlation: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Of that noise with the one of the step before. 0: white, as TD3's. DDPG's Ornstein-Uhlenbeck process has 0.85
+    (Lillicrap et al. 2016, θ = 0.15): joints that are pushed the same way for a while get somewhere."""
     preactivation_penalty: Annotated[float, Field(ge=0, le=1e6)] = 0.1
     """Weight in the actor's loss of its squared output before tanh, which it keeps from saturating (Andrychowicz et al.
     2017, hindsight experience replay, appendix A); 0: plain TD3."""
@@ -88,8 +92,10 @@ class RunConfig(Config):
     reset: Literal["none", "critics", "all"] = "none"
     """dense2sparse: which networks are drawn afresh at the switch."""
     updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
-    proprioception: Literal["forward_kinematics", "joints"] = "forward_kinematics"
-    """forward_kinematics adds gripper position and estimated cube-gripper vector; joints: the paper's list."""
+    proprioception: Proprioception = "forward_kinematics"
+    """joints: the paper's list; forward_kinematics adds gripper position and estimated cube-gripper vector;
+    gripper_goal also where the gripper is going: a command moves its goal by a tenth of the way, and a gripper that
+    holds something looks the same until half of them have opened it."""
     observation_scale: ObservationScale = ObservationScale()
     oracle_sees: Literal["truth", "estimate"] = "truth"
     """oracle: the cube position it observes; truth: the paper's. With estimate its reward alone is true: what a policy

@@ -19,6 +19,7 @@ from stages.policy.config import RunConfig, RunSpec
 from stages.policy.episode import EpisodeColumns
 from stages.policy.learner import Learner
 from stages.policy.log import EpisodeHead, RunLog
+from stages.policy.noise import correlated
 from stages.policy.observation import observe
 from stages.policy.recorder import Recorder
 from stages.policy.replay_buffer import ReplayBuffer
@@ -210,8 +211,9 @@ class Lockstep:
         streams = [generator(spec.seed, Stream.EXPLORATION, episode) for spec in self.specs]
         if episode < self.config.warmup_episodes:
             return np.stack([rng.uniform(-1, 1, shape) for rng in streams]).astype(np.float32)
-        scale = self.config.td3.exploration_noise
-        return np.stack([scale * rng.standard_normal(shape) for rng in streams]).astype(np.float32)
+        td3 = self.config.td3
+        noise = [correlated(rng.standard_normal(shape), td3.exploration_correlation) for rng in streams]
+        return (td3.exploration_noise * np.stack(noise)).astype(np.float32)
 
     def _fail_unstable(self, episode: _Episode, step: int, initial: list[np.ndarray]) -> None:
         """End runs whose simulation diverged or whose numbers are none; their neighbours go on.

@@ -21,6 +21,7 @@ STATE_DTYPE = np.dtype(
         ("qpos", "f8", 7),  # [rad]
         ("qvel", "f8", 7),  # [rad/s]
         ("gripper_opening", "f8"),  # distance between the finger pads [m]
+        ("gripper_goal", "f8"),  # what the gripper is closing or opening towards, −1 open to 1 closed
         ("eef", "f8", 3),  # gripper point in the world [m]
         ("cube_position", "f8", 3),  # centre in the world [m]
         ("cube_quaternion", "f8", 4),  # (w, x, y, z)

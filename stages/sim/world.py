@@ -65,6 +65,7 @@ class World:
         record["time_ns"] = round(data.time * 1e9)
         record["qpos"], record["qvel"] = data.qpos[scene.arm_qpos], data.qvel[scene.arm_qvel]
         record["gripper_opening"] = pad_distance(scene, data)
+        record["gripper_goal"] = (self._gripper_goal * np.sign(scene.gripper_ramp)).mean()
         record["eef"] = self._gripper_point()
         record["cube_position"] = data.xpos[scene.cube_body]
         record["cube_quaternion"] = data.xquat[scene.cube_body]

@@ -102,6 +102,13 @@ def test_holding_still_for_an_episode(scene: Scene) -> None:
     assert not any(last[flag] for flag in ("touched", "grasped", "lifted", "unstable"))
 
 
+def test_a_gripper_goes_where_the_sign_of_its_command_says(scene: Scene) -> None:
+    world = World(scene, "lift")
+    world.reset(_initial(scene, "lift"))
+    goals = [world.step(np.array([*np.zeros(7), command]))["gripper_goal"] for command in (1, 0.1, -0.3, -1, -1, 0)]
+    assert goals == pytest.approx([0.2, 0.4, 0.2, 0.0, -0.2, -0.2])
+
+
 def test_same_state_and_actions_give_the_same_bits(scene: Scene) -> None:
     initial, rng = _initial(scene, "lift"), np.random.default_rng(3)
     actions = rng.uniform(-1, 1, (10, 8)).astype(np.float32)

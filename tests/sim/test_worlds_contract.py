@@ -59,6 +59,18 @@ def test_stepping_is_deterministic_and_advances_50_ms(worlds: Worlds) -> None:
     assert (first[0]["time_ns"] == 150_000_000).all()
 
 
+def test_the_gripper_closes_step_by_step(worlds: Worlds) -> None:
+    """As robosuite's Panda: a command moves the gripper's goal by 0.2 of −1 open to 1 closed; in reach it closes."""
+    worlds.reset(ENTROPIES)
+    goals = [worlds.states["gripper_goal"].copy()]
+    for _ in range(6):
+        worlds.start_step(np.zeros((3, worlds.action_dim), np.float32))
+        worlds.finish_step()
+        goals.append(worlds.states["gripper_goal"].copy())
+    expected = [0, 0.2, 0.4, 0.6, 0.8, 1, 1]
+    np.testing.assert_allclose(goals, np.repeat(np.array(expected)[:, None], 3, axis=1), atol=1e-12)
+
+
 def test_worlds_do_not_touch_each_other(worlds: Worlds) -> None:
     states, _, packed = _roll(worlds)
     assert np.array_equal(states[0]["eef"], states[2]["eef"]), "same entropy, same actions"
