@@ -1,5 +1,6 @@
 """Where the runs differ from the paper's, or settle what it does not say, from their configurations."""
 
+import json
 from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
@@ -13,7 +14,14 @@ def deviations(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:
     """`runs` and `errors` are answers: the main runs, and the error of their estimators by misalignment."""
     if not runs:
         return _kinds(runs, errors)
-    return [_world(runs), _training(runs), *_learning(runs), *_kinds(runs, errors)]
+    return [_world(runs), _training(runs), *_learning(runs), *_seeing(runs), *_kinds(runs, errors)]
+
+
+_SEEN = {
+    "joints": "nothing",
+    "forward_kinematics": "the gripper's position",
+    "gripper_goal": "the gripper's position and how far it is to open or close",
+}
 
 
 def _world(runs: Sequence[Row]) -> str:
@@ -42,7 +50,36 @@ def _learning(runs: Sequence[Row]) -> list[str]:
             f"The actor's output before tanh is penalised, with weight {_by_task(runs, 'preactivation_penalty')}: "
             "TD3 as published, which the paper names, has no such term."
         )
+    if any(_all(runs, "exploration_correlation")):
+        lines.append(
+            "Exploration noise correlates with that of the step before by "
+            f"{_by_task(runs, 'exploration_correlation')}, as DDPG's; TD3's does not."
+        )
     return lines
+
+
+def _seeing(runs: Sequence[Row]) -> list[str]:
+    """What the networks are told, and how."""
+    lines = []
+    if _all(runs, "proprioception") not in ([], ["joints"]):
+        seen = [row | {"proprioception": _SEEN[row["proprioception"]]} for row in runs]
+        lines.append(
+            "Beside angles and velocities of the joints and the gripper's opening, the paper's, policies are told: "
+            f"{_by_task(seen, 'proprioception')}."
+        )
+    scaled = [row | {"observation_scale": _sizes(row.get("observation_scale"))} for row in runs]
+    if any(_all(scaled, "observation_scale")):
+        said = _by_task(scaled, "observation_scale")
+        lines.append(
+            f"The networks see parts of the observation divided by typical sizes, the paper names none: {said}."
+        )
+    return lines
+
+
+def _sizes(scale: str | None) -> str | None:
+    """`cube 0.15`, of the sizes that are not 1; None of a run that has none, or is older than they are."""
+    sizes = json.loads(scale).items() if scale else ()
+    return " and ".join(f"{name} by {size:g}" for name, size in sizes if size != 1.0) or None
 
 
 def _kinds(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:
@@ -68,13 +105,18 @@ def _kind(kind: str, used: bool, told: dict[tuple[str, float], float]) -> str:
 
 
 def _all(rows: Sequence[Row], column: str) -> list[Any]:
-    return list(dict.fromkeys(row[column] for row in rows if row[column] is not None))
+    """The values of a column; none where the answer was given before there was such a column."""
+    return list(dict.fromkeys(row[column] for row in rows if row.get(column) is not None))
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _by_task(rows: Sequence[Row], column: str) -> str:
     """`0.9`, or where the tasks differ `reach 0.9, lift 0.97`."""
     tasks = sorted({row["task"] for row in rows if row["task"]}, key=lambda task: (task != "reach", task))
     values = {task: _all([row for row in rows if row["task"] == task], column) for task in tasks}
-    said = {task: " or ".join(f"{value:g}" for value in found) for task, found in values.items() if found}
+    said = {task: " or ".join(map(_text, found)) for task, found in values.items() if found}
     same = len(said) == len(tasks) and len(set(said.values())) == 1
     return next(iter(said.values())) if same else ", ".join(f"{task} {value}" for task, value in said.items())

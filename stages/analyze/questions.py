@@ -16,7 +16,10 @@ SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, statu
        (config->>'$.policy.episodes')::INT AS training_episodes,
        (config->>'$.policy.td3.gamma')::DOUBLE AS gamma,
        (config->>'$.policy.td3.exploration_noise')::DOUBLE AS exploration_noise,
-       (config->>'$.policy.td3.preactivation_penalty')::DOUBLE AS preactivation_penalty, config_sha256,
+       (config->>'$.policy.td3.preactivation_penalty')::DOUBLE AS preactivation_penalty,
+       (config->>'$.policy.td3.exploration_correlation')::DOUBLE AS exploration_correlation,
+       config->>'$.policy.proprioception' AS proprioception,
+       config->>'$.policy.observation_scale' AS observation_scale, config_sha256,
        {main} AS main
 FROM runs
 WHERE {every}
