@@ -10,7 +10,7 @@ from schemas.config import Config, Device, Precision
 from stages.sim.config import MisalignmentKind, TaskName, WorldConfig
 
 Scheme = Literal["dense", "sparse", "oracle", "dense2sparse"]
-Proprioception = Literal["gripper_goal", "forward_kinematics", "joints"]
+Proprioception = Literal["joints", "forward_kinematics", "gripper_goal"]
 Degrees = Annotated[float, Field(ge=0, le=90)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 
@@ -60,21 +60,22 @@ Size = Annotated[float, Field(gt=0, le=1e6)]
 class ObservationScale(Config):
     """Typical sizes, by which entries of the observation are divided on their way into the networks; 1: as they are.
 
-    Lengths of centimetres beside angles of radians are seen late: first layers are drawn as if all were of one size.
-    Logs, saved policies and their observations stay in metres and radians.
+    About as much as each differs while the gripper is near the cube. Lengths of centimetres beside angles of radians are
+    seen late, for first layers are drawn as if all were of one size: in metres reaching is learnt half as fast, and
+    lifting hardly (results/laptop/NOTES.md). Logs, saved policies and their observations stay in metres and radians.
     """
 
-    cube: Size = 1.0
+    cube: Size = 0.15
     """Cube position [m]."""
     qpos: Size = 1.0
     """Joint positions [rad]."""
     qvel: Size = 1.0
     """Joint velocities [rad/s]."""
-    gripper_opening: Size = 1.0
+    gripper_opening: Size = 0.03
     """[m]"""
-    eef: Size = 1.0
+    eef: Size = 0.2
     """Gripper point [m]."""
-    cube_to_eef: Size = 1.0
+    cube_to_eef: Size = 0.05
     """Cube − gripper point [m]."""
 
 
