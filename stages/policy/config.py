@@ -60,8 +60,8 @@ Size = Annotated[float, Field(gt=0, le=1e6)]
 class ObservationScale(Config):
     """Typical sizes, by which entries of the observation are divided on their way into the networks; 1: as they are.
 
-    About as much as each differs while the gripper is near the cube. Lengths of centimetres beside angles of radians are
-    seen late, for first layers are drawn as if all were of one size: in metres reaching is learnt half as fast, and
+    About as much as each differs while the gripper is near the cube. Lengths of centimetres beside angles of radians
+    are seen late, for first layers are drawn as if all were of one size: in metres reaching is learnt half as fast, and
     lifting hardly (results/laptop/NOTES.md). Logs, saved policies and their observations stay in metres and radians.
     """
 
