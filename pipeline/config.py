@@ -19,7 +19,7 @@ from schemas.errors import ConfigError, unknown_choice
 from stages.analyze.config import AnalyzeConfig
 from stages.collect.config import CollectConfig
 from stages.perception.config import PerceptionConfig
-from stages.policy.config import MatrixConfig
+from stages.policy.config import SECTIONS, MatrixConfig
 from stages.sim.config import CameraConfig, TaskName, WorldConfig
 
 TASKS = get_args(TaskName)
@@ -129,8 +129,9 @@ def _check_task_tables(values: dict[str, Any]) -> None:
             continue  # the model says so
         if misplaced := [key for key in ("tasks", *TASKS) if key in table]:
             raise ConfigError(f"unknown key policy.{task}.{misplaced[0]}: a task's table holds no choice of tasks")
-        if not isinstance(table.get("td3", {}), dict):
-            raise ConfigError(f"policy.{task}.td3 = {table['td3']!r} is not a section")
+        for key in SECTIONS:
+            if not isinstance(table.get(key, {}), dict):
+                raise ConfigError(f"policy.{task}.{key} = {table[key]!r} is not a section")
 
 
 def profiles() -> list[str]:

@@ -12,7 +12,7 @@ from pipeline.machine import require_device, require_gl, require_sim
 from pipeline.matrix import Cell, cells
 from pipeline.steps.session import Did, Outcome, Session
 from schemas.manifest import InputRef, Manifest
-from stages.policy.config import RunConfig, acts_on_truth
+from stages.policy.config import IN_METRES, RunConfig, acts_on_truth
 from stages.sim.config import WorldConfig
 
 if TYPE_CHECKING:
@@ -67,7 +67,8 @@ def _request(matrix: Matrix, cell: Cell, estimator: str | None, inputs: list[Inp
         "estimator": estimator,
         **({"sources": list(matrix.sources)} if matrix.sources else {}),
     }
-    defaults = {"world": WorldConfig().model_dump(mode="json"), "policy": RunConfig().model_dump(mode="json")}
+    older = RunConfig(observation_scale=IN_METRES)
+    defaults = {"world": WorldConfig().model_dump(mode="json"), "policy": older.model_dump(mode="json")}
     device = matrix.session.config.policy.device
     return Request(f"runs/{matrix.name}/{cell.name}", config, inputs, defaults, device)
 

@@ -62,12 +62,12 @@ def _seeing(runs: Sequence[Row]) -> list[str]:
     """What the networks are told, and how."""
     lines = []
     if _all(runs, "proprioception") not in ([], ["joints"]):
-        seen = [row | {"proprioception": _SEEN[row["proprioception"]]} for row in runs]
+        seen = [row | {"proprioception": _SEEN.get(row.get("proprioception"))} for row in runs]
         lines.append(
             "Beside angles and velocities of the joints and the gripper's opening, the paper's, policies are told: "
             f"{_by_task(seen, 'proprioception')}."
         )
-    scaled = [row | {"observation_scale": _sizes(row.get("observation_scale"))} for row in runs]
+    scaled = [row | {"observation_scale": _sizes(row)} for row in runs]
     if any(_all(scaled, "observation_scale")):
         said = _by_task(scaled, "observation_scale")
         lines.append(
@@ -76,10 +76,12 @@ def _seeing(runs: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _sizes(scale: str | None) -> str | None:
-    """`cube 0.15`, of the sizes that are not 1; None of a run that has none, or is older than they are."""
-    sizes = json.loads(scale).items() if scale else ()
-    return " and ".join(f"{name} by {size:g}" for name, size in sizes if size != 1.0) or None
+def _sizes(run: Row) -> str | None:
+    """`cube by 0.15`, of the sizes of what it observes that are not 1; None of a run that has none, or is older."""
+    sizes = json.loads(run.get("observation_scale") or "{}")
+    unseen = ("eef", "cube_to_eef") if run.get("proprioception") == "joints" else ()
+    said = [f"{name} by {size:g}" for name, size in sizes.items() if size != 1.0 and name not in unseen]
+    return " and ".join(said) or None
 
 
 def _kinds(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:

@@ -54,15 +54,16 @@ class TD3Config(Config):
     """Arithmetic of the hidden layers in updates; float32 where a CPU has no bfloat16."""
 
 
-Size = Annotated[float, Field(gt=0, le=1e6)]
+Size = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class ObservationScale(Config):
     """Typical sizes, by which entries of the observation are divided on their way into the networks; 1: as they are.
 
     About as much as each differs while the gripper is near the cube. Lengths of centimetres beside angles of radians
-    are seen late, for first layers are drawn as if all were of one size: in metres reaching is learnt half as fast, and
-    lifting hardly (results/laptop/NOTES.md). Logs, saved policies and their observations stay in metres and radians.
+    are seen late, for first layers are drawn as if all were of one size: in metres reaching is learnt half as fast
+    (results/laptop/NOTES.md). Logs, saved policies and their observations stay in metres and radians. TD3+BC, which
+    standardises observations by those of its logs, takes no notice.
     """
 
     cube: Size = 0.15
@@ -77,6 +78,10 @@ class ObservationScale(Config):
     """Gripper point [m]."""
     cube_to_eef: Size = 0.05
     """Cube − gripper point [m]."""
+
+
+IN_METRES = ObservationScale(cube=1, gripper_opening=1, eef=1, cube_to_eef=1)
+"""How runs saw whose configuration is older than the sizes."""
 
 
 class RunConfig(Config):
@@ -115,7 +120,7 @@ class RunConfig(Config):
     td3: TD3Config = TD3Config()
 
 
-_SECTIONS = ("td3", "observation_scale")
+SECTIONS = ("td3", "observation_scale")
 """Keys of a run's configuration that have keys of their own: a task overrides these one by one."""
 
 
@@ -153,7 +158,7 @@ class MatrixConfig(RunConfig):
         """This matrix for one task, its overrides applied."""
         overrides = getattr(self, task)
         base = self.model_dump(exclude={"reach", "lift"})
-        merged = {key: base[key] | overrides.get(key, {}) for key in _SECTIONS}
+        merged = {key: base[key] | overrides.get(key, {}) for key in SECTIONS}
         return MatrixConfig.model_validate({**base, **overrides, **merged, "tasks": (task,)})
 
 

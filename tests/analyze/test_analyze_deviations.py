@@ -35,3 +35,8 @@ def test_what_the_networks_see_by_task() -> None:
         "The networks see parts of the observation divided by typical sizes, the paper names none: lift cube_to_eef by "
         "0.05 and gripper_opening by 0.03.",
     ]
+
+
+def test_sizes_of_what_is_not_observed_are_not_said() -> None:
+    [said] = deviations([_seen("joints", cube=0.15, eef=0.2, cube_to_eef=0.05)], [])[2:]
+    assert said.endswith("the paper names none: cube by 0.15.")

@@ -81,10 +81,15 @@ def test_unknown_key_lists_the_keys_and_guesses() -> None:
         ("policy.lift.foo=1", "unknown key policy.lift.foo;"),
         ("policy.reach.tasks=1", "unknown key policy.reach.tasks:"),
         ("policy.lift.td3=1", "policy.lift.td3 = 1 is not a section"),
+        ("policy.lift.observation_scale=[1]", "policy.lift.observation_scale = [1] is not a section"),
         ("policy.td3=1", "policy.td3 = 1 is not a section"),
         ("policy.episodes=0", "policy.episodes = 0 is out of range; allowed: >= 1"),
         ("policy.lift.episodes=0", "policy.lift.episodes = 0 is out of range; allowed: >= 1"),
         ("policy.td3.gamma=1.0", "policy.td3.gamma = 1.0 is out of range; allowed: >= 0 and < 1"),
+        (
+            "policy.observation_scale.cube=1e-50",
+            "policy.observation_scale.cube = 1e-50 is out of range; allowed: >= 1e-06",
+        ),
         ("camera.fovy=nan", "camera.fovy = nan is out of range; allowed: > 5 and < 120"),
         ("policy.misalignment_degrees=[0, 91]", "policy.misalignment_degrees[1] = 91 is out of range; allowed: >= 0"),
         ("policy.schemes=['dens']", "policy.schemes[0] = 'dens' is not one of: dense, sparse, oracle, dense2sparse"),
@@ -149,11 +154,11 @@ def test_paper_profile_has_the_papers_numbers() -> None:
     assert len(cells(policy)) == 36 + 12
 
 
-def test_laptop_profile_lifts_with_what_was_measured_to_work() -> None:
+def test_laptop_profile_learns_with_what_was_measured_to_work() -> None:
     policy = load_config("laptop").policy
-    lift = policy.for_task("lift").td3
+    reach, lift = (policy.for_task(task).td3 for task in ("reach", "lift"))
+    assert (reach.gamma, reach.exploration_noise) == (0.97, 0.2)
     assert (lift.gamma, lift.exploration_noise) == (0.97, 0.3)
-    assert policy.for_task("reach").td3.gamma == 0.9
     assert policy.final_episodes == 200
     assert len(cells(policy)) == 36 + 12
 

@@ -14,6 +14,7 @@ from pipeline.matrix import cells
 from pipeline.steps import policy
 from pipeline.steps.session import Session
 from schemas.errors import DivergedError
+from schemas.progress import Silent
 from stages.policy.config import MatrixConfig
 from tests.pipeline.fakes import TINY, Run, Stages, answer, prepare, refused
 
@@ -267,6 +268,21 @@ def test_episodes_of_a_run_count_every_evaluation() -> None:
     session = cast(Session, SimpleNamespace(config=load_config(overrides=["world.horizon=10"])))
     work = policy.Work(policy.Matrix(session, "x"), cell, cast(Build, None))
     assert policy.space_needed([work, work]) == 2 * policy.BYTES_PER_STEP * 10 * (50 + 2 * 5 + 7)
+
+
+def test_runs_older_than_the_sizes_of_observations_saw_metres(run: Run, stages: Stages, store: Store) -> None:
+    prepare(run, "collect", "train-perception", "train-policy")
+    made = load_complete(store.root, DENSE).config
+    del made["policy"]["observation_scale"]
+    session = Session(store, load_config(overrides=TINY[1::2]), Silent(), resume=False)
+    asked = {request.id: request for _, request in policy.requests(policy.Matrix(session, "default"), None)}
+    changed = [line for line in asked[DENSE].differences(made) if "observation_scale" in line]
+    assert changed == [
+        "policy.observation_scale.cube: 1.0 → 0.15",
+        "policy.observation_scale.cube_to_eef: 1.0 → 0.05",
+        "policy.observation_scale.eef: 1.0 → 0.2",
+        "policy.observation_scale.gripper_opening: 1.0 → 0.03",
+    ]
 
 
 def test_a_report_follows_its_inputs(run: Run, stages: Stages) -> None:

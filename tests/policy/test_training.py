@@ -11,13 +11,17 @@ from safetensors.numpy import load_file
 from schemas import tables
 from schemas.progress import Silent
 from stages.policy import train
+from stages.policy.actor import load_actor
 from stages.policy.checkpoint import Position
+from stages.policy.config import IN_METRES
 from stages.policy.group import Schedule
 from stages.policy.log import RunLog
 from stages.policy.loop import Lockstep
+from stages.policy.observation import sizes
 from stages.policy.replay_buffer import ReplayBuffer
 from stages.policy.td3 import TD3
-from tests.fake_worlds import FakeEstimator, FakeWorlds
+from stages.sim.state import STATE_DTYPE
+from tests.fake_worlds import GRIPPER_RAMP, FakeEstimator, FakeWorlds
 from tests.policy.small_training import CONFIG, HORIZON, everything, run_specs, trained, transitions
 
 
@@ -216,3 +220,44 @@ def test_the_learning_rate_falls_while_a_run_trains(tmp_path: Path) -> None:
     lockstep = Lockstep([spec], FakeWorlds(1), FakeEstimator(), td3, buffer, [RunLog(spec, 24, 7)])
     Schedule(lockstep, td3, [spec], lockstep.logs).run(Position(0, 0), Silent())
     assert td3.actor_optimiser.learning_rate == pytest.approx(0.4 * CONFIG.td3.learning_rate)
+
+
+@pytest.mark.usefixtures("fake")
+def test_networks_see_observations_by_their_sizes(tmp_path: Path) -> None:
+    """Networks that never learn are as drawn; published ones take metres, so their first layer is that by the sizes."""
+    still = CONFIG.model_copy(update={"updates_per_step": 0})
+    sized, plain = (
+        run_specs(tmp_path / name, ("dense",), still.model_copy(update={"observation_scale": scale}))[0]
+        for name, scale in (("sized", still.observation_scale), ("plain", IN_METRES))
+    )
+    trained([sized])
+    trained([plain])
+    first = [load_file(spec.out / "checkpoints" / "policy.safetensors")["actor.0.weight"] for spec in (sized, plain)]
+    by = sizes(still.observation_scale, still.proprioception)
+    assert by[0] == np.float32(0.15)
+    np.testing.assert_allclose(first[0] * by[:, None], first[1], rtol=1e-6)
+
+
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize(("correlation", "same_sign"), [(0.0, 0.5), (0.85, 0.82)])
+def test_exploration_goes_on_as_correlated(tmp_path: Path, correlation: float, same_sign: float) -> None:
+    """Noise so wide that it alone decides: of neighbours of a normal process 1/2 + asin(ρ)/π have the same sign."""
+    td3 = CONFIG.td3.model_copy(update={"exploration_noise": 100.0, "exploration_correlation": correlation})
+    [spec] = run_specs(tmp_path, ("dense",), CONFIG.model_copy(update={"td3": td3, "episodes": 20, "eval_every": 20}))
+    trained([spec])
+    rows = transitions(spec)
+    signs = np.sign(rows["action"][(rows["split"] == "train") & (rows["phase"] != "warmup")])
+    episodes = signs.reshape(19, HORIZON, -1)
+    assert (episodes[:, 1:] == episodes[:, :-1]).mean() == pytest.approx(same_sign, abs=0.06)
+
+
+@pytest.mark.usefixtures("fake")
+def test_lifting_policies_may_be_told_where_the_gripper_is_going(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"proprioception": "gripper_goal"})
+    spec = replace(run_specs(tmp_path, ("dense",), config)[0], task="lift")
+    trained([spec])
+    rows = transitions(spec)
+    goal, after = rows["observation"][:, -1], rows["next_observation"][:, -1]
+    assert rows["observation"].shape[1] == 25
+    np.testing.assert_allclose(after, np.clip(goal + GRIPPER_RAMP * np.sign(rows["action"][:, 7]), -1, 1), atol=1e-6)
+    assert load_actor(spec.out).act(np.zeros((), STATE_DTYPE)[()], "lift").shape == (8,)
