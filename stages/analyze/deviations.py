@@ -62,7 +62,7 @@ def _seeing(runs: Sequence[Row]) -> list[str]:
     """What the networks are told, and how."""
     lines = []
     if _all(runs, "proprioception") not in ([], ["joints"]):
-        seen = [row | {"proprioception": _SEEN.get(row.get("proprioception"))} for row in runs]
+        seen = [row | {"proprioception": _SEEN.get(str(row.get("proprioception")))} for row in runs]
         lines.append(
             "Beside angles and velocities of the joints and the gripper's opening, the paper's, policies are told: "
             f"{_by_task(seen, 'proprioception')}."
