@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from schemas.errors import unknown_choice
-from stages.collect.motion import closing_direction, move_gripper
+from stages.collect.motion import closing_direction, lean_gripper, move_gripper
 from stages.collect.scripts import Goal, pick_and_place, touch_and_push
 from stages.sim.world import World
 
@@ -73,8 +73,10 @@ class ScriptedBehaviour:
             script = pick_and_place if world.task == "lift" else touch_and_push
             self._goals = script(lambda: self._state, world.scene.config.cube_half_range, self._rng)
         goal = next(self._goals)
-        closing = closing_direction(world.gripper_axes(), goal.grasped)
-        arm = move_gripper(world, state, goal.position, closing)
+        if goal.posture is not None:
+            arm = lean_gripper(world, state, goal.position, goal.posture)
+        else:
+            arm = move_gripper(world, state, goal.position, closing_direction(world.gripper_axes(), goal.grasped))
         return np.append(arm, goal.gripper) if world.task == "lift" else arm
 
 

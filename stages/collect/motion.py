@@ -8,6 +8,7 @@ from stages.sim.world import World
 POSITION_GAIN = 4.0  # [1/s]
 ROTATION_GAIN = 2.0  # [1/s]
 REST_GAIN = 0.5  # [1/s], of the redundant joint towards the rest pose
+POSTURE_GAIN = 2.0  # [1/s], of the joints that a position alone leaves free towards a posture
 MAX_SPEED = 0.5  # of the gripper [m/s]
 DAMPING = 0.02  # of the least squares, against singular poses
 UP = np.array([0.0, 0.0, 1.0])
@@ -21,9 +22,22 @@ def move_gripper(world: World, state: np.void, target: np.ndarray, closing: np.n
     """
     twist = np.concatenate([_velocity(target - state["eef"]), ROTATION_GAIN * _rotation_error(world, closing)])
     jacobian = np.concatenate([world.gripper_jacobian(), world.gripper_rotation_jacobian()])  # (6, 7)
-    inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + DAMPING**2 * np.eye(6))  # (7, 6)
-    rest = REST_GAIN * (world.scene.rest_qpos - state["qpos"])
-    rates = inverse @ twist + rest - inverse @ (jacobian @ rest)  # [rad/s]
+    return _action(world, twist, jacobian, REST_GAIN * (world.scene.rest_qpos - state["qpos"]))
+
+
+def lean_gripper(world: World, state: np.void, target: np.ndarray, posture: np.ndarray) -> np.ndarray:
+    """Action (7,) towards `target` (3,) [m] for the gripper point, turned as it comes.
+
+    What the position leaves free of the joints goes towards `posture` (7,) [rad] off the rest pose.
+    """
+    pull = POSTURE_GAIN * (world.scene.rest_qpos + posture - state["qpos"])
+    return _action(world, _velocity(target - state["eef"]), world.gripper_jacobian(), pull)
+
+
+def _action(world: World, twist: np.ndarray, jacobian: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """Action (7,) that makes `twist` (k,) by `jacobian` (k, 7), and of `pull` (7,) [rad/s] what does not disturb it."""
+    inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + DAMPING**2 * np.eye(len(twist)))  # (7, k)
+    rates = inverse @ twist + pull - inverse @ (jacobian @ pull)  # [rad/s]
     action = rates / world.scene.config.max_joint_velocity
     return action / max(1.0, np.abs(action).max())
 

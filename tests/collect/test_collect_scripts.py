@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stages.collect.motion import closing_direction
 from stages.collect.scripts import (
+    AROUND,
     CLOSED,
     DWELL,
     GRASP_STEPS,
@@ -53,10 +54,13 @@ def test_reach_keeps_the_gripper_closed() -> None:
     assert {goal.gripper for goal, _ in follow("reach", 100)} == {CLOSED}
 
 
-def test_lift_descends_open_from_above_and_closes_at_the_cube() -> None:
-    goals = [goal for goal, _ in follow("lift", 30)]
+def test_lift_hovers_leaning_descends_open_from_above_and_closes_at_the_cube() -> None:
+    goals = [goal for goal, _ in follow("lift", 40)]
     closing = next(i for i, goal in enumerate(goals) if goal.gripper == CLOSED)
-    heights = [goal.position[2] for goal in goals[:closing]]
+    hovering = [goal for goal in goals[:closing] if goal.posture is not None]
+    assert goals[: len(hovering)] == hovering
+    assert all(0 <= goal.position[2] - CUBE[2] <= AROUND for goal in hovering)
+    heights = [goal.position[2] for goal in goals[len(hovering) : closing]]
     assert heights == sorted(heights, reverse=True)
     assert heights[0] == pytest.approx(CUBE[2] + 0.10)
     assert heights[-1] == pytest.approx(CUBE[2])
