@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from stages.collect.behaviours import HOLD_STEPS, make_behaviour
-from stages.collect.motion import move_gripper
+from stages.collect.motion import lean_gripper, move_gripper
 from stages.collect.simulate import is_success
 from stages.sim.config import WorldConfig
-from stages.sim.scene import build_scene
+from stages.sim.scene import TABLE_HEIGHT, build_scene
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World
 from tests.collect.small_dataset import blank_state
@@ -42,6 +42,34 @@ def test_gripper_goes_where_it_is_sent(offset: list[float]) -> None:
     assert np.linalg.norm(state["eef"] - target) < 0.01
     assert world.gripper_axes()[2, 2] < -0.99  # pointing down
     assert world.gripper_axes()[0, 1] > 0.99  # closing along the world's x
+
+
+def test_a_leaning_arm_gets_there_in_its_posture() -> None:
+    """The gripper point is where it was sent; turned by the posture, the arm no longer points down."""
+    world, state = start("reach")
+    target, posture = state["eef"] + [0.05, 0.05, 0.05], np.array([0.5, 0, -0.5, 0, 0.7, 0.6, 0])
+    upright = np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum()
+    for _ in range(80):
+        state = world.step(lean_gripper(world, state, target, posture))
+    assert np.linalg.norm(state["eef"] - target) < 0.01
+    assert np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum() < 0.6 * upright
+    assert world.gripper_axes()[2, 2] > -0.95
+
+
+def test_scripts_show_a_lifted_cube_high_and_low_and_leaning() -> None:
+    """Where policies lift: a noisy script's cubes, of the episodes that lift at all."""
+    heights, tilts = [], []
+    for seed in range(6):
+        world, state = start("lift", seed)
+        behaviour = make_behaviour("scripted", 0.2, np.random.default_rng(seed))
+        for _ in range(200):
+            state = world.step(behaviour.act(world, state))
+            if state["lifted"] and state["grasped"]:
+                heights.append(float(state["cube_position"][2]) - TABLE_HEIGHT)
+                tilts.append(float(np.degrees(np.arccos(-world.gripper_axes()[2, 2]))))
+    assert np.quantile(heights, 0.1) < 0.15
+    assert np.quantile(heights, 0.9) > 0.25
+    assert np.quantile(tilts, 0.9) > 20
 
 
 def test_motion_is_scaled_as_a_whole() -> None:

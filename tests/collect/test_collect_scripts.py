@@ -12,12 +12,15 @@ from scipy.spatial.transform import Rotation
 from stages.collect.motion import closing_direction
 from stages.collect.scripts import (
     AROUND,
+    CARRIES,
+    CARRY_HEIGHTS,
     CLOSED,
     DWELL,
     GRASP_STEPS,
     NEAR,
     OPEN,
     PATIENCE,
+    POSTURE,
     Goal,
     pick_and_place,
     touch_and_push,
@@ -74,6 +77,16 @@ def test_lift_carries_puts_down_and_opens_there() -> None:
     assert max(goal.position[2] for goal in closed) >= 0.9
     assert opened.position[2] == pytest.approx(0.825)
     assert np.abs(opened.position[:2]).max() <= 0.15
+
+
+def test_what_is_carried_leans_another_way_every_time() -> None:
+    goals = [goal for goal, _ in follow("lift", 300) if goal.posture is not None]
+    ways = {goal.posture.tobytes() for goal in goals if goal.posture is not None}
+    assert len(ways) >= CARRIES[0] + 1
+    assert max(float(np.abs(goal.posture).max()) for goal in goals if goal.posture is not None) <= POSTURE
+    in_the_air = [goal.position[2] for goal in goals if goal.gripper == CLOSED]
+    assert 0.8 + CARRY_HEIGHTS[0] <= min(in_the_air)
+    assert max(in_the_air) <= 0.8 + CARRY_HEIGHTS[1]
 
 
 @pytest.mark.parametrize("script", ["reach", "lift"])
