@@ -7,7 +7,7 @@ import numpy as np
 
 from schemas.errors import unknown_choice
 from stages.collect.motion import closing_direction, lean_gripper, move_gripper
-from stages.collect.scripts import Goal, pick_and_place, touch_and_push
+from stages.collect.scripts import Goal, Manner, pick_and_place, touch_and_push
 from stages.sim.world import World
 
 HOLD_STEPS = (5, 10)
@@ -31,12 +31,14 @@ class Behaviour(Protocol):
     def act(self, world: World, state: np.void) -> np.ndarray: ...
 
 
-def make_behaviour(name: str, noise: float, rng: np.random.Generator, actor: Actor | None = None) -> Behaviour:
+def make_behaviour(
+    name: str, noise: float, manner: Manner, rng: np.random.Generator, actor: Actor | None = None
+) -> Behaviour:
     """The behaviour called `name`, for one episode; `noise` is the standard deviation on policy-related actions."""
     if name == "random":
         return RandomBehaviour(rng)
     if name == "scripted":
-        return NoisyBehaviour(ScriptedBehaviour(rng), noise, rng)
+        return NoisyBehaviour(ScriptedBehaviour(manner, rng), noise, rng)
     if name == "policy" and actor is not None:
         return NoisyBehaviour(PolicyBehaviour(actor), noise, rng)
     raise ValueError(unknown_choice("behaviour", name, ("random", "scripted", "policy")))
@@ -62,8 +64,8 @@ class RandomBehaviour:
 class ScriptedBehaviour:
     """Follows the task's script from goal to goal, knowing the true state."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    def __init__(self, manner: Manner, rng: np.random.Generator) -> None:
+        self._manner, self._rng = manner, rng
         self._goals: Iterator[Goal] | None = None
 
     def act(self, world: World, state: np.void) -> np.ndarray:
@@ -71,7 +73,7 @@ class ScriptedBehaviour:
         self._state = state
         if self._goals is None:
             script = pick_and_place if world.task == "lift" else touch_and_push
-            self._goals = script(lambda: self._state, world.scene.config.cube_half_range, self._rng)
+            self._goals = script(lambda: self._state, self._manner, self._rng)
         goal = next(self._goals)
         if goal.posture is not None:
             arm = lean_gripper(world, state, goal.position, goal.posture)

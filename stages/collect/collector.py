@@ -10,7 +10,9 @@ from stages.collect.failure import keep_failure
 from stages.collect.frames import EpisodeResult, read_episode
 from stages.collect.plan import EpisodePlan, Stream
 from stages.collect.recorder import Recorder, config_sha256
+from stages.collect.scripts import Manner
 from stages.collect.simulate import UnstableError, simulate
+from stages.collect.start import sample_posture
 from stages.sim.camera import CameraPose, displaced, nominal_pose
 from stages.sim.renderer import Renderer
 from stages.sim.scene import Scene, build_scene
@@ -56,8 +58,12 @@ class Collector:
 
     def _make(self, path: Path, plan: EpisodePlan) -> None:
         collect, world = self._config.collect, self._world(plan.task)
-        initial_state = sample_initial_state(self._scene, plan.task, plan.rng(Stream.INITIAL_STATE))
-        behaviour = make_behaviour(plan.behaviour, collect.action_noise, plan.rng(Stream.ACTION), self._actor)
+        half_range = plan.spread * self._config.world.cube_half_range
+        posture = sample_posture(self._scene, plan.rng(Stream.POSTURE)) if plan.leaning else None
+        start_rng = plan.rng(Stream.INITIAL_STATE)
+        initial_state = sample_initial_state(self._scene, plan.task, start_rng, half_range, posture)
+        manner = Manner(half_range, posture)
+        behaviour = make_behaviour(plan.behaviour, collect.action_noise, manner, plan.rng(Stream.ACTION), self._actor)
         try:
             episode = simulate(world, plan, initial_state, behaviour, collect.steps)
         except UnstableError as error:

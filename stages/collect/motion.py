@@ -17,8 +17,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def move_gripper(world: World, state: np.void, target: np.ndarray, closing: np.ndarray) -> np.ndarray:
     """Action (7,) towards `target` (3,) [m] for the gripper point, pointing down, fingers closing along `closing` (3,).
 
-    Damped least squares on position and orientation; the arm's redundancy is spent on staying near its rest pose. Where
-    a joint would be too fast the whole action is scaled, so that the direction stays.
+    Damped least squares on position and orientation; the arm's redundancy is spent on staying near its rest pose.
     """
     twist = np.concatenate([_velocity(target - state["eef"]), ROTATION_GAIN * _rotation_error(world, closing)])
     jacobian = np.concatenate([world.gripper_jacobian(), world.gripper_rotation_jacobian()])  # (6, 7)
@@ -35,11 +34,19 @@ def lean_gripper(world: World, state: np.void, target: np.ndarray, posture: np.n
 
 
 def _action(world: World, twist: np.ndarray, jacobian: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """Action (7,) that makes `twist` (k,) by `jacobian` (k, 7), and of `pull` (7,) [rad/s] what does not disturb it."""
+    """Action (7,) that makes `twist` (k,) [m/s, rad/s, in the world] by `jacobian` (k, 7), and pulls as it leaves room.
+
+    Where a joint would be too fast the way is scaled as a whole, so that the direction stays. `pull` (7,) [rad/s] gets
+    only what does not disturb the way and what it leaves of the joints' speed: scaled together, a long pull would slow
+    the way to a third.
+    """
+    limit = world.scene.config.max_joint_velocity
     inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + DAMPING**2 * np.eye(len(twist)))  # (7, k)
-    rates = inverse @ twist + pull - inverse @ (jacobian @ pull)  # [rad/s]
-    action = rates / world.scene.config.max_joint_velocity
-    return action / max(1.0, np.abs(action).max())
+    way = inverse @ twist  # [rad/s]
+    way /= max(1.0, np.abs(way).max() / limit)
+    free = pull - inverse @ (jacobian @ pull)
+    room = (limit - np.sign(free) * way) / np.maximum(np.abs(free), 1e-9)
+    return (way + min(1.0, room.min()) * free) / limit
 
 
 def closing_direction(axes: np.ndarray, grasped: np.ndarray | None) -> np.ndarray:

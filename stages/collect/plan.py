@@ -19,6 +19,9 @@ class Stream(IntEnum):
     INITIAL_STATE = 104
     CAMERA = 105
     ACTION = 106
+    STRAY = 107
+    LEANING = 108
+    POSTURE = 109
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class EpisodePlan:
     task: str  # reach | lift
     behaviour: str  # random | scripted | policy
     split: str  # train | validation | test
+    leaning: bool  # whether the arm starts in a posture of its own and keeps to it
+    spread: float  # half-range of the cube's start and of where it is put, in multiples of the task's
     kept_steps: tuple[int, ...]  # sorted; step k is the state after k actions
     seed: int
 
@@ -56,12 +61,16 @@ class EpisodePlan:
 def plan_episodes(config: CollectConfig, related: str) -> list[EpisodePlan]:
     """All episodes; `related` names the policy-related behaviour, scripted or policy."""
     behaviours, splits = _behaviours(config, related), _splits(config)
+    leaning = _drawn(config, Stream.LEANING, config.leaning_fraction)
+    stray = _drawn(config, Stream.STRAY, config.stray_fraction)
     return [
         EpisodePlan(
             episode=episode,
             task=config.tasks[episode % len(config.tasks)],
             behaviour=behaviours[episode],
             split=splits[episode],
+            leaning=leaning[episode],
+            spread=config.stray_range if stray[episode] else 1.0,
             kept_steps=_kept_steps(config, episode),
             seed=config.seed,
         )
@@ -76,9 +85,13 @@ def frames_per_episode(config: CollectConfig) -> int:
 
 def _behaviours(config: CollectConfig, related: str) -> list[str]:
     """Exactly the configured share acts at random, so that small datasets are not left to chance."""
-    count = round(config.random_fraction * config.episodes)
-    order = _rng(config.seed, Stream.BEHAVIOUR).permutation(config.episodes)
-    return ["random" if rank < count else related for rank in np.argsort(order)]
+    return ["random" if drawn else related for drawn in _drawn(config, Stream.BEHAVIOUR, config.random_fraction)]
+
+
+def _drawn(config: CollectConfig, stream: Stream, fraction: float) -> list[bool]:
+    """Of each episode, whether it is among the `fraction` drawn by chance."""
+    order = _rng(config.seed, stream).permutation(config.episodes)
+    return [bool(rank < round(fraction * config.episodes)) for rank in np.argsort(order)]
 
 
 def _splits(config: CollectConfig) -> list[str]:

@@ -47,16 +47,26 @@ def _contact_labels(scene: Scene) -> np.ndarray:
     return labels
 
 
-def sample_initial_state(scene: Scene, task: str, rng: np.random.Generator) -> np.ndarray:
+def sample_initial_state(
+    scene: Scene,
+    task: str,
+    rng: np.random.Generator,
+    half_range: float | None = None,
+    posture: np.ndarray | None = None,
+) -> np.ndarray:
     """Integration state (k,) of a fresh episode: cube at rest on the table, arm near its rest pose.
 
-    Cube position uniform within ±cube_half_range around the table's centre, yaw uniform; joint positions Gaussian
-    around robosuite's rest pose; in reach the gripper starts closed, as it stays (paper §V-B).
+    Cube position uniform within ±`half_range` [m] (the configured cube_half_range) around the table's centre, yaw
+    uniform; joint positions Gaussian around robosuite's rest pose, from which the arm
+    is `posture` (7,) [rad] off, if any; in reach the gripper starts closed, as it stays (paper §V-B).
     """
     config, data = scene.config, mujoco.MjData(scene.model)
-    x, y = rng.uniform(-config.cube_half_range, config.cube_half_range, 2)
+    half_range = config.cube_half_range if half_range is None else half_range
+    x, y = rng.uniform(-half_range, half_range, 2)
     yaw = rng.uniform(-np.pi, np.pi)
     data.qpos[scene.arm_qpos] = scene.rest_qpos + config.joint_noise * rng.standard_normal(7)
+    if posture is not None:
+        data.qpos[scene.arm_qpos] += posture
     data.qpos[scene.gripper_qpos] = closed_gripper_qpos(scene) if task == "reach" else scene.gripper_rest_qpos
     cube = [x, y, TABLE_HEIGHT + CUBE_HALF_SIZE, np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
     data.qpos[scene.cube_qpos : scene.cube_qpos + 7] = cube

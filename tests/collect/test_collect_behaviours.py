@@ -5,22 +5,30 @@ import pytest
 
 from stages.collect.behaviours import HOLD_STEPS, make_behaviour
 from stages.collect.motion import lean_gripper, move_gripper
+from stages.collect.scripts import Manner
 from stages.collect.simulate import is_success
+from stages.collect.start import AWAY, HEIGHTS, LEAN, sample_posture
 from stages.sim.config import WorldConfig
 from stages.sim.scene import TABLE_HEIGHT, build_scene
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World
 from tests.collect.small_dataset import blank_state
 
+MANNER = Manner(half_range=0.15)  # upright
 
-def start(task: str, seed: int = 0) -> tuple[World, np.void]:
-    world = World(build_scene(WorldConfig()), task)
-    return world, world.reset(sample_initial_state(world.scene, task, np.random.default_rng(seed)))
+
+def start(task: str, seed: int = 0, posture: np.ndarray | None = None) -> tuple[World, np.void]:
+    world, rng = World(build_scene(WorldConfig()), task), np.random.default_rng(seed)
+    return world, world.reset(sample_initial_state(world.scene, task, rng, posture=posture))
+
+
+def posture(seed: int) -> np.ndarray:
+    return sample_posture(build_scene(WorldConfig()), np.random.default_rng(seed))
 
 
 def succeeds(task: str, seed: int, noise: float, steps: int = 120) -> bool:
     world, state = start(task, seed)
-    behaviour = make_behaviour("scripted", noise, np.random.default_rng(seed))
+    behaviour = make_behaviour("scripted", noise, MANNER, np.random.default_rng(seed))
     for _ in range(steps):
         state = world.step(behaviour.act(world, state))
         if is_success(task, state):
@@ -48,28 +56,61 @@ def test_a_leaning_arm_gets_there_in_its_posture() -> None:
     """The gripper point is where it was sent; turned by the posture, the arm no longer points down."""
     world, state = start("reach")
     target, posture = state["eef"] + [0.05, 0.05, 0.05], np.array([0.5, 0, -0.5, 0, 0.7, 0.6, 0])
-    upright = np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum()
+    at_first = np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum()
     for _ in range(80):
         state = world.step(lean_gripper(world, state, target, posture))
     assert np.linalg.norm(state["eef"] - target) < 0.01
-    assert np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum() < 0.6 * upright
+    assert np.abs(state["qpos"] - world.scene.rest_qpos - posture).sum() < 0.6 * at_first
     assert world.gripper_axes()[2, 2] > -0.95
 
 
-def test_scripts_show_a_lifted_cube_high_and_low_and_leaning() -> None:
-    """Where policies lift: a noisy script's cubes, of the episodes that lift at all."""
-    heights, tilts = [], []
-    for seed in range(6):
-        world, state = start("lift", seed)
-        behaviour = make_behaviour("scripted", 0.2, np.random.default_rng(seed))
+def test_a_leaning_arm_is_no_slower_for_its_posture() -> None:
+    """The posture gets what the way leaves of the joints' speed; a hand's breadth takes a second either way."""
+    world, state = start("reach")
+    target, posture = state["eef"] + [0.1, 0, 0], np.full(7, 3.0)
+    for _ in range(20):
+        action = lean_gripper(world, state, target, posture)
+        state = world.step(action)
+        assert np.abs(action).max() <= 1 + 1e-9
+    assert np.linalg.norm(state["eef"] - target) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_postures_start_above_the_table_and_touch_nothing(seed: int) -> None:
+    off = posture(seed)
+    world, state = start("lift", seed, off)
+    assert np.abs(off).max() <= LEAN
+    assert state["qpos"] == pytest.approx(world.scene.rest_qpos + off, abs=0.1)
+    assert HEIGHTS[0] < state["eef"][2] - TABLE_HEIGHT < HEIGHTS[1]
+    assert np.abs(state["eef"][:2]).max() < AWAY
+    assert not state["touched"]
+
+
+def test_scripts_show_cubes_as_policies_do() -> None:
+    """Tilted grippers near the cube, cubes high and low in the air, and cubes let go again; 12 noisy episodes of lift.
+
+    The policies of the first study: median tilt 27 to 53 degrees, a tenth above 50 to 100 (results/laptop/NOTES.md).
+    """
+    near, heights, released = [], [], 0
+    for seed in range(12):
+        manner = Manner(0.15, posture(seed))
+        world, state = start("lift", seed, manner.posture)
+        behaviour, held, freed = make_behaviour("scripted", 0.2, manner, np.random.default_rng(seed)), False, False
         for _ in range(200):
             state = world.step(behaviour.act(world, state))
+            distance = np.linalg.norm(state["eef"] - state["cube_position"])
+            if distance < 0.1:
+                near.append(np.degrees(np.arccos(-world.gripper_axes()[2, 2])))
             if state["lifted"] and state["grasped"]:
-                heights.append(float(state["cube_position"][2]) - TABLE_HEIGHT)
-                tilts.append(float(np.degrees(np.arccos(-world.gripper_axes()[2, 2]))))
-    assert np.quantile(heights, 0.1) < 0.15
+                heights.append(state["cube_position"][2] - TABLE_HEIGHT)
+            freed |= bool(held and distance > 0.1)
+            held |= bool(state["grasped"])
+        released += freed
+    assert np.median(near) > 20
+    assert np.quantile(near, 0.9) > 40
+    assert np.quantile(heights, 0.1) < 0.1
     assert np.quantile(heights, 0.9) > 0.25
-    assert np.quantile(tilts, 0.9) > 20
+    assert released >= 8
 
 
 def test_motion_is_scaled_as_a_whole() -> None:
@@ -82,7 +123,7 @@ def test_motion_is_scaled_as_a_whole() -> None:
 @pytest.mark.parametrize(("task", "dimension"), [("reach", 7), ("lift", 8)])
 def test_random_actions_are_uniform_and_held(task: str, dimension: int) -> None:
     world = World(build_scene(WorldConfig()), task)
-    behaviour = make_behaviour("random", 0.5, np.random.default_rng(0))
+    behaviour = make_behaviour("random", 0.5, MANNER, np.random.default_rng(0))
     actions = np.array([behaviour.act(world, blank_state()) for _ in range(2000)])
     assert actions.shape == (2000, dimension)
     assert actions.dtype == np.float32
@@ -104,7 +145,7 @@ class Constant:
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_policy_actions_carry_the_configured_noise(noise: float) -> None:
     world = World(build_scene(WorldConfig()), "lift")
-    behaviour = make_behaviour("policy", noise, np.random.default_rng(0), Constant())
+    behaviour = make_behaviour("policy", noise, MANNER, np.random.default_rng(0), Constant())
     actions = np.array([behaviour.act(world, blank_state()) for _ in range(500)])
     assert actions.max() <= 1
     assert np.median(actions) == pytest.approx(0.5, abs=0.03)
@@ -114,7 +155,7 @@ def test_policy_actions_carry_the_configured_noise(noise: float) -> None:
 
 def test_policy_needs_an_actor() -> None:
     with pytest.raises(ValueError, match="unknown behaviour 'policy'"):
-        make_behaviour("policy", 0, np.random.default_rng(0))
+        make_behaviour("policy", 0, MANNER, np.random.default_rng(0))
 
 
 def test_success_is_touch_or_three_centimetres_in_reach_and_lifted_in_lift() -> None:
