@@ -12,8 +12,8 @@ from stages.collect.plan import EpisodePlan, Stream
 from stages.collect.recorder import Recorder, config_sha256
 from stages.collect.scripts import Manner
 from stages.collect.simulate import UnstableError, simulate
-from stages.collect.start import sample_posture
 from stages.sim.camera import CameraPose, displaced, nominal_pose
+from stages.sim.postures import sample_posture
 from stages.sim.renderer import Renderer
 from stages.sim.scene import Scene, build_scene
 from stages.sim.tasks import sample_initial_state

@@ -28,8 +28,8 @@ class CollectConfig(Config):
     """Fraction of episodes in which the arm starts in another posture and keeps to it; in the others its gripper points
     down, as no policy's does for long."""
     stray_fraction: Fraction = 0.5
-    """Fraction of episodes in which the cube starts, and is carried, farther out than the task puts it: policies push it
-    there, and an estimator that never saw it there leaves them without a way back."""
+    """Fraction of episodes in which the cube starts, and is carried, farther out than the task puts it: policies push
+    it there, and an estimator that never saw it there leaves them without a way back."""
     stray_range: Annotated[float, Field(ge=1, le=3)] = 1.8
     """Its half-range in those episodes, in multiples of world.cube_half_range; 1.8 of 15 cm is what the camera sees."""
     camera_translation: Annotated[float, Field(ge=0, le=0.2)] = 0.01

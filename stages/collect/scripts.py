@@ -3,7 +3,8 @@
 Both go round in cycles rather than stop at success, or most frames would show the same finished scene: the cube is
 touched, pushed, carried and put elsewhere, and the arm keeps getting out of the camera's way. Policies that learn from
 rewards neither keep the gripper upright nor stop lifting at some height, and an estimator that has not seen a cube like
-theirs is off by decimetres: so the arm keeps to another posture in most episodes, and carries as high as the camera sees.
+theirs is off by decimetres: so the arm keeps to another posture in most episodes, and carries as high as the camera
+sees.
 """
 
 from collections.abc import Callable, Iterator

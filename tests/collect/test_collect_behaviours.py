@@ -7,8 +7,8 @@ from stages.collect.behaviours import HOLD_STEPS, make_behaviour
 from stages.collect.motion import lean_gripper, move_gripper
 from stages.collect.scripts import Manner
 from stages.collect.simulate import is_success
-from stages.collect.start import AWAY, HEIGHTS, LEAN, sample_posture
 from stages.sim.config import WorldConfig
+from stages.sim.postures import AWAY, HEIGHTS, LEAN, sample_posture
 from stages.sim.scene import TABLE_HEIGHT, build_scene
 from stages.sim.tasks import sample_initial_state
 from stages.sim.world import World

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stages.collect.motion import closing_direction
 from stages.collect.scripts import (
+    APPROACH,
     AROUND,
     CARRIES,
     CARRY_HEIGHTS,
@@ -78,7 +79,7 @@ def test_lift_descends_open_from_above_and_closes_at_the_cube() -> None:
         goals = lift_cycle(seed)
         closing = next(i for i, goal in enumerate(goals) if goal.gripper == CLOSED)
         *hovering, above, at_cube = places(goals[:closing])
-        assert above == pytest.approx(CUBE + [0, 0, 0.10])
+        assert above == pytest.approx(CUBE + APPROACH)
         assert at_cube == pytest.approx(CUBE)
         assert len(hovering) <= 1
         for place in hovering:

@@ -1,4 +1,4 @@
-"""Postures in which collected episodes start and go on: the scripts alone would keep the arm near its rest pose."""
+"""Postures of the arm that a dataset needs: scripts alone would keep it near its rest pose, policies do not."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ _TRIES = 100_000  # one in about a hundred is accepted
 
 
 def sample_posture(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Joint angles (7,) [rad] off the rest pose: uniform among those with the gripper above the table, touching nothing.
+    """Joint angles (7,) [rad] off the rest pose: uniform among those with a free gripper above the table.
 
     Raises:
         MachineError: none found, which another robot than SPEC §3's would have to be very different for.
