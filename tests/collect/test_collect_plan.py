@@ -15,6 +15,8 @@ def test_paper_scale() -> None:
     assert Counter(plan.split for plan in plans) == {"train": 1280, "validation": 160, "test": 160}
     assert Counter(plan.task for plan in plans) == {"reach": 800, "lift": 800}
     assert sum(len(plan.kept_steps) for plan in plans) == 80_000
+    assert Counter(plan.leaning for plan in plans) == {True: 1200, False: 400}
+    assert Counter(plan.spread for plan in plans) == {1.8: 800, 1.0: 800}
 
 
 @given(
@@ -42,6 +44,12 @@ def test_every_share_is_kept(episodes: int, steps: int, keep: float, validation:
         assert len(plan.kept_steps) == frames_per_episode(config)
         assert list(plan.kept_steps) == sorted(set(plan.kept_steps))
         assert 0 <= plan.kept_steps[0] <= plan.kept_steps[-1] < steps
+
+
+def test_leaning_and_straying_are_drawn_apart_from_each_other_and_from_behaviours() -> None:
+    kinds = Counter((plan.behaviour, plan.leaning, plan.spread) for plan in plan_episodes(CollectConfig(), "scripted"))
+    assert len(kinds) == 8
+    assert min(kinds.values()) > 40  # expected: at least 80 of 1600
 
 
 def test_two_episodes_are_not_split() -> None:
