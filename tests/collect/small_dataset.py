@@ -14,6 +14,7 @@ from schemas import mcap_topics
 from schemas.manifest import Code, Environment, Manifest, config_sha256
 from schemas.mcap_files import read_messages
 from stages.collect.config import CollectConfig, CollectStageConfig
+from stages.collect.plan import plan_episodes
 from stages.sim.camera import CameraPose
 from stages.sim.config import CameraConfig
 from stages.sim.state import STATE_DTYPE
@@ -21,9 +22,10 @@ from stages.sim.state import STATE_DTYPE
 DATASET = "small"
 CONFIG = CollectStageConfig(
     camera=CameraConfig(image_size=128),
-    collect=CollectConfig(episodes=4, steps=40, random_fraction=0.5, workers=1),
+    collect=CollectConfig(episodes=4, steps=40, random_fraction=0.5, leaning_fraction=0.25, workers=1),
 )
 TINY = CollectConfig(episodes=3, steps=8, keep_fraction=0.5, random_fraction=0.3, workers=1)
+PLANS = plan_episodes(CONFIG.collect, "scripted")
 CORNERS = np.array(list(itertools.product([-0.025, 0.025], repeat=3)))  # (8, 3) [m] of the cube, in its frame
 
 
@@ -98,6 +100,11 @@ def bounding_box(mask: np.ndarray) -> np.ndarray:
     """(left, top, right, bottom) of the mask's pixels, as edges [pixels]."""
     rows, columns = np.nonzero(mask)
     return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+
+
+def hides_nothing(episode: int, messages: dict[str, Any]) -> bool:
+    """Whether arm and hand are surely not between camera and cube: upright, and 15 cm away."""
+    return not PLANS[episode].leaning and gripper_distance(messages) > 0.15
 
 
 def gripper_distance(messages: dict[str, Any]) -> float:

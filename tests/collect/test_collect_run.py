@@ -153,8 +153,8 @@ def test_unstable_simulation_names_the_episode(
 ) -> None:
     sample = collector.sample_initial_state
 
-    def diverging_in_lift(scene: Any, task: str, rng: np.random.Generator) -> np.ndarray:
-        state = sample(scene, task, rng)
+    def diverging_in_lift(scene: Any, task: str, *rest: Any) -> np.ndarray:
+        state = sample(scene, task, *rest)
         return np.full_like(state, np.nan) if task == "lift" else state
 
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to a file in the working directory

@@ -9,6 +9,7 @@ from schemas.errors import ArtifactError
 from stages.sim.config import WorldConfig
 from stages.sim.controller import JointVelocityController
 from stages.sim.gripper import closed_gripper_qpos, gripper_point_offset
+from stages.sim.postures import HEIGHTS, sample_posture
 from stages.sim.scene import CUBE_HALF_SIZE, TABLE_HEIGHT, Scene, build_scene
 from stages.sim.state import STATE_DTYPE, pack_state, unpack_state
 from stages.sim.tasks import sample_initial_state
@@ -87,6 +88,15 @@ def test_reset_distribution(scene: Scene) -> None:
     assert np.abs([x, y]).max() <= 0.15 and np.abs([x, y]).max() > 0.12
     assert np.allclose(z, TABLE_HEIGHT + CUBE_HALF_SIZE)
     assert np.std(np.array(joints) - scene.rest_qpos) == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_wider_reset_and_a_posture(scene: Scene) -> None:
+    world, posture = World(scene, "lift"), np.full(7, 0.3)
+    seeds = (np.random.default_rng(seed) for seed in range(100))
+    states = [world.reset(sample_initial_state(scene, "lift", rng, 0.27, posture)) for rng in seeds]
+    places = np.array([state["cube_position"][:2] for state in states])
+    assert 0.25 < np.abs(places).max() <= 0.27
+    assert np.mean([state["qpos"] for state in states], axis=0) == pytest.approx(scene.rest_qpos + 0.3, abs=0.01)
 
 
 def test_holding_still_for_an_episode(scene: Scene) -> None:
@@ -180,4 +190,7 @@ def test_other_arms_reach_and_close(robot: str) -> None:
     assert largest_difference(world, stock, _initial(scene, "lift"), actions) <= 1e-9
     state = world.state()
     assert state.dtype == STATE_DTYPE and not state["unstable"]
+    posture = sample_posture(scene, np.random.default_rng(0))
+    leaning = world.reset(sample_initial_state(scene, "lift", np.random.default_rng(0), posture=posture))
+    assert HEIGHTS[0] < leaning["eef"][2] - TABLE_HEIGHT < HEIGHTS[1]
     assert 0 < gripper_point_offset(scene, "reach") < 0.1
