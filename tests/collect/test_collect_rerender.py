@@ -21,6 +21,7 @@ from tests.collect.small_dataset import (
     decode,
     episode_files,
     frames,
+    hides_nothing,
     red_pixels,
     tiny,
     write_manifest,
