@@ -97,6 +97,9 @@ class RunConfig(Config):
     """dense2sparse: what becomes at the switch of the dense rewards in the replay buffer."""
     reset: Literal["none", "critics", "all"] = "none"
     """dense2sparse: which networks are drawn afresh at the switch."""
+    reset_updates: Annotated[int, Field(ge=0, le=10_000_000)] = 0
+    """Updates by which critics that are drawn afresh learn, from what the buffer holds, what the policy is worth,
+    before it in turn learns from them: as drawn they lead it away from all that it has learnt."""
     updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
     proprioception: Proprioception = "forward_kinematics"
     """joints: the paper's list; forward_kinematics adds gripper position and estimated cube-gripper vector;

@@ -23,20 +23,34 @@ class Learner:
         self._horizon = specs[0].world.horizon
         self._noise_shape = (self._config.td3.batch_size, td3.actor_net.sizes[-1])
 
-    def switch(self, row: int) -> None:
-        """From the dense to the sparse reward: what becomes of the buffer and of the networks."""
-        config = self._specs[row].config
-        self._buffer.switch(row, config.buffer)
-        if config.reset != "none":
-            self._td3.draw(row, config.reset, times=1)
-
     def begin(self, episode: int) -> None:
         """Set an episode's learning rate, start its random streams, and empty the windows of what is logged."""
         self._td3.set_learning_rate(annealed(self._config.td3, episode / self._config.episodes))
         self._episode = episode
-        self._batches = [generator(spec.seed, Stream.BATCH, episode) for spec in self._specs]
-        self._noise = [generator(spec.seed, Stream.TARGET_NOISE, episode) for spec in self._specs]
+        self._batches = self._streams(Stream.BATCH, episode)
+        self._noise = self._streams(Stream.TARGET_NOISE, episode)
         self._windows = [UpdateWindow() for _ in self._specs]
+
+    def switch(self, rows: Sequence[int]) -> None:
+        """From the dense to the sparse reward: what becomes of these runs' buffers and networks.
+
+        Of the episode that has begun; without updates to catch up with, nothing but that run's networks is drawn.
+        """
+        for row in rows:
+            config = self._specs[row].config
+            self._buffer.switch(row, config.buffer)
+            if config.reset != "none":
+                self._td3.draw(row, config.reset, times=1)
+        self._catch_up([row for row in rows if self._specs[row].config.reset != "none"])
+
+    def _catch_up(self, rows: Sequence[int]) -> None:
+        """Critics drawn afresh learn what the policy is worth, each run's as often as its configuration says."""
+        batches, noise = self._streams(Stream.SWITCH_BATCH, 0), self._streams(Stream.SWITCH_TARGET_NOISE, 0)
+        updates = {row: self._specs[row].config.reset_updates for row in rows if self._buffer.size[row] > 0}
+        for number in range(max(updates.values(), default=0)):
+            learning = [row for row, count in updates.items() if number < count]
+            batch = self._buffer.sample(self._config.td3.batch_size, batches, self._td3.device)
+            self._td3.update(batch, self._target_noise(noise, learning), learning, critics_only=True)
 
     def learn(self, rows: Sequence[int], step: int) -> None:
         """The updates of one step, of those of these runs that have something to learn from."""
@@ -44,7 +58,7 @@ class Learner:
         rows = [row for row in rows if self._buffer.size[row] > 0]
         for _ in range(config.updates_per_step if rows else 0):
             batch = self._buffer.sample(config.td3.batch_size, self._batches, self._td3.device)
-            metrics = self._td3.update(batch, self._target_noise(rows), rows).numpy()
+            metrics = self._td3.update(batch, self._target_noise(self._noise, rows), rows).numpy()
             for row in rows:
                 self._windows[row].add(metrics[row])
                 if self._windows[row].count == config.log_updates_every:
@@ -75,11 +89,14 @@ class Learner:
             if self._windows[row].count:
                 self._log(row, self._horizon - 1)
 
-    def _target_noise(self, rows: Sequence[int]) -> torch.Tensor:
+    def _streams(self, stream: Stream, index: int) -> list[np.random.Generator]:
+        return [generator(spec.seed, stream, index) for spec in self._specs]
+
+    def _target_noise(self, streams: Sequence[np.random.Generator], rows: Sequence[int]) -> torch.Tensor:
         """Noise (n, b, a) for one update, before clipping. The streams of runs that pause stand still."""
-        noise = np.zeros((len(self._noise), *self._noise_shape), np.float32)
+        noise = np.zeros((len(streams), *self._noise_shape), np.float32)
         for row in rows:
-            self._noise[row].standard_normal(dtype=np.float32, out=noise[row])
+            streams[row].standard_normal(dtype=np.float32, out=noise[row])
         return torch.from_numpy(noise * np.float32(self._config.td3.target_noise)).to(self._td3.device)
 
     def _log(self, row: int, step: int) -> None:

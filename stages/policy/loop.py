@@ -96,13 +96,14 @@ class Lockstep:
 
     def train_episode(self, episode: int, task: Task) -> None:
         """One training episode of every run; the switch of rewards happens at its start."""
-        for row in self.alive:
-            if switches_at(self.specs[row].scheme, episode, self.specs[row].config):
-                self._learner.switch(row)
-        learning = episode >= self.config.warmup_episodes
         self._learner.begin(episode)
+        self._learner.switch([row for row in self.alive if self._switches(row, episode)])
+        learning = episode >= self.config.warmup_episodes
         self._rollout(_Episode("train", episode, episode, self._exploration(episode), learning), task)
         self._fail_unlearnt(episode)
+
+    def _switches(self, row: int, episode: int) -> bool:
+        return switches_at(self.specs[row].scheme, episode, self.specs[row].config)
 
     def learn_episode(self, episode: int, task: Task) -> None:
         """As many updates as a training episode has steps, from what the buffers hold; no step in the world."""

@@ -19,6 +19,8 @@ class Stream(IntEnum):
     BATCH = 5
     TARGET_NOISE = 6
     NETWORKS = 7
+    SWITCH_BATCH = 8
+    SWITCH_TARGET_NOISE = 9
 
 
 RESET_STREAMS = {"train": Stream.RESET_TRAIN, "eval": Stream.RESET_EVAL, "final": Stream.RESET_FINAL}

@@ -125,13 +125,16 @@ class TD3:
         inputs = self._standardised(torch.from_numpy(observations).to(self.device)[:, None].repeat(1, _ACT_ROWS, 1))
         return self.actor_net.forward(self.actor_net.layers(self.actor), inputs).tanh()[:, 0].cpu().numpy()
 
-    def update(self, batch: Batch, noise: Tensor, rows: Sequence[int] | None = None) -> Tensor:
+    def update(
+        self, batch: Batch, noise: Tensor, rows: Sequence[int] | None = None, critics_only: bool = False
+    ) -> Tensor:
         """One critic update and, every `policy_delay`-th time, one actor and target update.
 
         Args:
             batch: transitions of every run.
             noise: target noise before clipping (n, b, a).
             rows: the runs that learn; the others pause. None: all.
+            critics_only: policies and their targets stay as they are: the critics learn what these are worth.
 
         Returns:
             `METRICS` of every run (n, 6), NaN where there is none: of a run that pauses, of an actor's delayed update.
@@ -143,9 +146,10 @@ class TD3:
         self.updates[rows] += 1
         metrics[rows, :2], metrics[rows, 3:] = self._update_critic(batch, noise, rows)
         delayed = [row for row in rows if self.updates[row] % self.config.policy_delay == 0]
-        if delayed:
+        if delayed and not critics_only:
             metrics[delayed, 2] = self._update_actor(batch, delayed)
-            self._update_targets(delayed)
+            self._follow(self.actor_target, self.actor, delayed)
+        self._follow(self.critic_target, self.critic, delayed)
         return metrics
 
     def _update_critic(self, batch: Batch, noise: Tensor, rows: list[int]) -> tuple[Tensor, Tensor]:
@@ -186,10 +190,10 @@ class TD3:
         return loss.detach().cpu()
 
     @torch.no_grad()
-    def _update_targets(self, rows: list[int]) -> None:
+    def _follow(self, targets: Tensor, networks: Tensor, rows: list[int]) -> None:
+        """The soft update of target networks."""
         for row in rows:
-            self.critic_target[row].lerp_(self.critic[row], self.config.tau)
-            self.actor_target[row].lerp_(self.actor[row], self.config.tau)
+            targets[row].lerp_(networks[row], self.config.tau)
 
     def _critics(self, rows: Tensor) -> Layers:
         """Both critics of rows (k, 2 · parameters), as 2 k networks."""

@@ -73,7 +73,7 @@ def groups(specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
 
 def _but_for_the_switch(config: RunConfig) -> RunConfig:
     """What runs in lockstep share: when and how the reward switches is each run's own."""
-    return config.model_copy(update={"switch_episode": 0, "buffer": "keep", "reset": "none"})
+    return config.model_copy(update={"switch_episode": 0, "buffer": "keep", "reset": "none", "reset_updates": 0})
 
 
 def _by_resume_point(group: list[RunSpec]) -> list[list[RunSpec]]:

@@ -234,6 +234,18 @@ def test_a_paused_run_stays_exactly_as_it_is() -> None:
     assert td3.updates.tolist() == [[1.0], [4.0]]
 
 
+def test_critics_alone_learn_what_the_policy_is_worth() -> None:
+    """With γ = 0.5 and a reward of 1 everywhere, 2; the policy and its target stay as they are."""
+    td3, batch = TD3(SMALL.model_copy(update={"gamma": 0.5}), 3, 2, [0]), _batch(1)
+    batch = batch._replace(reward=torch.ones_like(batch.reward), terminated=torch.zeros_like(batch.terminated))
+    actor, target, critic_target = td3.actor.clone(), td3.actor_target.clone(), td3.critic_target.clone()
+    metrics = [td3.update(batch, torch.zeros(1, 4, 2), critics_only=True) for _ in range(4000)]
+    assert torch.equal(td3.actor, actor) and torch.equal(td3.actor_target, target)
+    assert not torch.equal(td3.critic_target, critic_target)
+    assert all(torch.isnan(each[0, 2]) for each in metrics)  # no actor's loss
+    assert metrics[-1][0, 3:5] == pytest.approx([2, 2], abs=0.1)
+
+
 def test_drawing_afresh_gives_new_networks_and_forgets_the_optimiser() -> None:
     td3 = TD3(SMALL, 3, 2, [0, 1])
     td3.update(_batch(2), torch.zeros(2, 4, 2))

@@ -166,19 +166,27 @@ class TestSeeds:
 
     def test_runs_that_switch_differently_step_together_and_stay_what_they_are_alone(self, tmp_path: Path) -> None:
         variants = [
-            CONFIG.model_copy(update={"switch_episode": switch, "buffer": buffer, "reset": reset})
-            for switch, buffer, reset in ((4, "relabel", "none"), (2, "keep", "critics"), (3, "empty", "all"))
+            CONFIG.model_copy(
+                update=dict(zip(("switch_episode", "buffer", "reset", "reset_updates"), how, strict=True))
+            )
+            for how in (
+                (4, "relabel", "none", 0),
+                (2, "keep", "critics", 0),
+                (3, "empty", "all", 9),
+                (2, "relabel", "critics", 5),
+                (2, "relabel", "critics", 8),
+            )
         ]
         alone, together = (
             [run_specs(tmp_path / f"{name}{i}", ("dense2sparse",), config)[0] for i, config in enumerate(variants)]
             for name in ("alone", "together")
         )
-        assert [len(group) for group in train.groups(together)] == [3]
+        assert [len(group) for group in train.groups(together)] == [5]
         for spec in alone:
             trained([spec])
         trained(together)
         assert [everything(spec) for spec in alone] == [everything(spec) for spec in together]
-        assert len({str(everything(spec)) for spec in together}) == 3, "they differ, or the comparison says nothing"
+        assert len({str(everything(spec)) for spec in together}) == 5, "they differ, or the comparison says nothing"
 
     def test_the_same_command_gives_the_same_bytes(self, tmp_path: Path) -> None:
         specs = [run_specs(tmp_path / name, ("dense2sparse",))[0] for name in ("a", "b")]
