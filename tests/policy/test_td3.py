@@ -235,11 +235,14 @@ def test_a_paused_run_stays_exactly_as_it_is() -> None:
 
 
 def test_critics_alone_learn_what_the_policy_is_worth() -> None:
-    """With γ = 0.5 and a reward of 1 everywhere, 2; the policy and its target stay as they are."""
-    td3, batch = TD3(SMALL.model_copy(update={"gamma": 0.5}), 3, 2, [0]), _batch(1)
-    batch = batch._replace(reward=torch.ones_like(batch.reward), terminated=torch.zeros_like(batch.terminated))
+    """Where its action leaves everything as it is and earns 1, with γ = 0.5: 2. Policy and target stay as they are."""
+    td3, batch = TD3(SMALL.model_copy(update={"gamma": 0.5, "tau": 0.1}), 3, 2, [0]), _batch(1)
+    here = batch.observation[:, :1].expand_as(batch.observation)
+    action = torch.from_numpy(td3.act(here[:, 0].numpy()))[:, None].expand_as(batch.action)
+    reward, never = torch.ones_like(batch.reward), torch.zeros_like(batch.terminated)
+    batch = Batch(observation=here, action=action, reward=reward, next_observation=here, terminated=never)
     actor, target, critic_target = td3.actor.clone(), td3.actor_target.clone(), td3.critic_target.clone()
-    metrics = [td3.update(batch, torch.zeros(1, 4, 2), critics_only=True) for _ in range(4000)]
+    metrics = [td3.update(batch, torch.zeros(1, 4, 2), critics_only=True) for _ in range(1000)]
     assert torch.equal(td3.actor, actor) and torch.equal(td3.actor_target, target)
     assert not torch.equal(td3.critic_target, critic_target)
     assert all(torch.isnan(each[0, 2]) for each in metrics)  # no actor's loss

@@ -167,9 +167,9 @@ class TestSeeds:
     def test_runs_that_switch_differently_step_together_and_stay_what_they_are_alone(self, tmp_path: Path) -> None:
         variants = [
             CONFIG.model_copy(
-                update=dict(zip(("switch_episode", "buffer", "reset", "reset_updates"), how, strict=True))
+                update={"switch_episode": switch, "buffer": buffer, "reset": reset, "reset_updates": updates}
             )
-            for how in (
+            for switch, buffer, reset, updates in (
                 (4, "relabel", "none", 0),
                 (2, "keep", "critics", 0),
                 (3, "empty", "all", 9),
