@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pipeline.artifacts.space import is_disk_full
 from schemas.errors import ArtifactError, ConfigError, MachineError
@@ -18,14 +19,17 @@ def parts() -> tuple[str, ...]:
     return PARTS
 
 
-def check_directory(directory: Path | None, data: Path) -> None:
+def check_directory(directory: Path | None, data: Path, accumulate: bool = False) -> None:
     """Refuse, before any work, a directory that the evidence could not be copied to; None: none is asked for.
 
     Raises:
-        ConfigError: it overlaps the data root, is no directory, or holds files of the same names that are no evidence.
+        ConfigError: it overlaps the data root, is no directory, or holds files of the same names that are no evidence;
+            or there is nothing to `accumulate` in.
         MachineError: it cannot be written to.
     """
     if directory is None:
+        if accumulate:
+            raise ConfigError("--accumulate adds to an evidence: name its directory with --evidence DIR")
         return
     target, root = directory.resolve(), data.resolve()
     if target.is_relative_to(root) or root.is_relative_to(target):
@@ -44,16 +48,23 @@ def check_directory(directory: Path | None, data: Path) -> None:
         raise MachineError(_unwritable(directory, "permission denied"))
 
 
-def planned_copy(directory: Path | None) -> list[dict[str, str]]:
+def planned_copy(directory: Path | None, accumulate: bool = False) -> list[dict[str, str]]:
     """For `--dry-run`."""
-    return [{"id": str(directory), "plan": "copy the report's evidence"}] if directory else []
+    return (
+        [{"id": str(directory), "plan": f"{'add' if accumulate else 'copy'} the report's evidence"}]
+        if directory
+        else []
+    )
 
 
-def copy_evidence(report: Path, directory: Path | None) -> None:
+def copy_evidence(report: Path, directory: Path | None, accumulate: bool = False) -> None:
     """Copy PARTS of a report's artifact, each file whole or not at all; what else an earlier evidence had is removed.
 
+    With `accumulate` what an earlier evidence says of other runs is kept.
+
     Raises:
-        ArtifactError: the report has no such parts, for an older version made it.
+        ArtifactError: the report has no such parts, for an older version made it; or the earlier evidence is damaged.
+        ConfigError: report and earlier evidence do not fit together.
         MachineError: the directory cannot be written to.
     """
     if directory is None:
@@ -61,12 +72,26 @@ def copy_evidence(report: Path, directory: Path | None) -> None:
     if missing := [part for part in parts() if not (report / part).exists()]:
         raise ArtifactError(f"{report} has no {missing[0]}, for an older version made it: remove it and make it again")
     try:
-        for part in sorted(parts(), key=lambda part: part != MARK):
-            _copy(report / part, directory / part)
+        with TemporaryDirectory() as together:
+            source = _with_earlier(report, directory, Path(together)) if accumulate else report
+            for part in sorted(parts(), key=lambda part: part != MARK):
+                _copy(source / part, directory / part)
     except OSError as error:
         if is_disk_full(error):
             raise  # has a message of its own
         raise MachineError(_unwritable(directory, str(error.strerror).lower())) from error
+
+
+def _with_earlier(report: Path, directory: Path, together: Path) -> Path:
+    """Where the evidence of both is: in `together`, or the report's own where there is no earlier one."""
+    from stages.analyze.accumulate import accumulate
+
+    if not (directory / MARK).exists():
+        return report
+    if missing := [part for part in parts() if not (directory / part).exists()]:
+        raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
+    accumulate(directory, report, together)
+    return together
 
 
 def _copy(source: Path, target: Path) -> None:

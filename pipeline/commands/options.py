@@ -45,6 +45,11 @@ EVIDENCE = click.option(
     metavar="DIR",
     help="Copy the report's tables, figures and README to DIR, to be kept outside the data root.",
 )
+ACCUMULATE = click.option(
+    "--accumulate",
+    is_flag=True,
+    help="With --evidence: keep what DIR says of runs whose logs are not here.",
+)
 DEBUG = click.option("--debug", is_flag=True, help="Show a traceback when something goes wrong.")
 
 STAGE = [

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pipeline.commands.options import EVIDENCE, StageOptions, stage_options
+from pipeline.commands.options import ACCUMULATE, EVIDENCE, StageOptions, stage_options
 
 if TYPE_CHECKING:
     from pipeline.steps.chain import Chain
@@ -30,7 +30,10 @@ Example:
     help="Also train the runs of a study of the profile, [studies.NAME]; repeatable; 'all': every one.",
 )
 @EVIDENCE
-def run(options: StageOptions, profile_name: str | None, studies: tuple[str, ...], evidence: Path | None) -> None:
+@ACCUMULATE
+def run(
+    options: StageOptions, profile_name: str | None, studies: tuple[str, ...], evidence: Path | None, accumulate: bool
+) -> None:
     """All four stages of a profile, doing only what is missing.
 
     PROFILE is demo, laptop or paper. What was interrupted goes on from its last checkpoint.
@@ -46,13 +49,13 @@ def run(options: StageOptions, profile_name: str | None, studies: tuple[str, ...
 
     options = _with_profile(options, profile_name)
     work = session(options, resume=True)
-    check_directory(evidence, options.data)
+    check_directory(evidence, options.data, accumulate)
     if options.dry_run:
-        show_plan(options, "run", [*plan(work, options.artifact_name, studies), *planned_copy(evidence)])
+        show_plan(options, "run", [*plan(work, options.artifact_name, studies), *planned_copy(evidence, accumulate)])
         return
     chain = run_chain(work, options.artifact_name, studies, None if options.quiet else _announce)
     note_left_out(options, chain.left_out)
-    copy_evidence(chain.report.parent, evidence)
+    copy_evidence(chain.report.parent, evidence, accumulate)
     message = failure_message(chain.cells)
     if not options.as_json and not options.quiet:
         _show(chain, evidence)

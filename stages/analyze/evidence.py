@@ -5,6 +5,7 @@ Its tables of answers are what SQL says of the logs. Everything else in it follo
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jinja2
 
@@ -16,8 +17,8 @@ from stages.analyze.limits import limits
 from stages.analyze.records import Provenance
 from stages.analyze.region_sentences import region_sentences
 from stages.analyze.report import Contents
-from stages.analyze.resolved import config_toml
-from stages.analyze.results import Answer, Row, rows_of
+from stages.analyze.resolved import config_toml, of_inputs
+from stages.analyze.results import Answer, Row, rows_of, total
 from stages.analyze.rules import RULES
 from stages.analyze.tables import read_answers
 
@@ -28,15 +29,31 @@ PARTS = (README, PROVENANCE, CONFIG, "tables", "figures")
 
 def write(contents: Contents, out: Path) -> None:
     """Write README.md, provenance.json and config.toml into `out`."""
-    told = records.of(contents)
+    write_told(records.of(contents), contents.answers, contents.derived, of_inputs(contents.selection), out)
+
+
+def write_told(
+    told: Provenance,
+    answers: Mapping[str, Answer],
+    derived: Derived,
+    inputs: Mapping[str, dict[str, Any]],
+    out: Path,
+) -> None:
+    """Write what is `told` of `answers`; `inputs` are the configuration's sections of what the runs descend from."""
+    config = config_toml(told.analysis, told.asked, inputs, rows_of(answers, "runs"))
     write_bytes((told.model_dump_json(indent=1) + "\n").encode(), out / PROVENANCE)
-    write_bytes(config_toml(contents.config, contents.selection).encode(), out / CONFIG)
-    write_bytes(_readme(told, contents.answers, contents.derived).encode(), out / README)
+    write_bytes(config.encode(), out / CONFIG)
+    write_bytes(_readme(told, answers, derived).encode(), out / README)
+
+
+def read_told(directory: Path) -> Provenance:
+    """What the evidence in `directory` is from."""
+    return Provenance.model_validate_json((directory / PROVENANCE).read_bytes())
 
 
 def recompute(directory: Path) -> tuple[dict[str, list[Row]], str]:
     """The derived tables by name, and README.md, as they follow from the answers and provenance.json in `directory`."""
-    told = Provenance.model_validate_json((directory / PROVENANCE).read_bytes())
+    told = read_told(directory)
     answers = read_answers(directory / "tables")
     derived = derive(told.analysis, told.asked, answers)
     return derived.tables, _readme(told, answers, derived)
@@ -71,7 +88,8 @@ def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -
         misalignments=rows_of(answers, "estimator-misalignment"),
         correlations=rows_of(answers, "region-correlation"),
         regions=region_sentences(rows_of(answers, "regions")),
-        volume=next(iter(rows_of(answers, "volume")), None),
+        episodes=total(answers, "volume", "episodes"),
+        transitions=total(answers, "volume", "transitions"),
         studies=told.asked,
         figures={figure.id: figure for figure in told.figures},
         limits=limits(derived.groups, derived.of_studies, [each.code for each in makers], f"`{PROVENANCE}`"),

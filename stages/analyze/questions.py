@@ -20,7 +20,7 @@ SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, statu
        (config->>'$.policy.td3.exploration_correlation')::DOUBLE AS exploration_correlation,
        config->>'$.policy.proprioception' AS proprioception,
        config->>'$.policy.observation_scale' AS observation_scale, config_sha256,
-       {main} AS main
+       {main} AS main, config
 FROM runs
 WHERE {every}
 ORDER BY run
@@ -87,15 +87,14 @@ FROM ends
 ORDER BY name, task, misalignment_kind, misalignment_deg, scheme, seed
 """
 
-REWARD_ERROR = """
+REWARD_ERROR = f"""
 -- how wrong the dense reward is, and which way, by how far the gripper truly is from the cube (bins of 2 cm)
-SELECT split_part(run, '/', 1) AS name, task, misalignment_kind, misalignment_deg,
-       0.02 * floor(distance_true / 0.02) + 0.01 AS distance,
+SELECT {_GROUP}, 0.02 * floor(distance_true / 0.02) + 0.01 AS distance,
        avg(abs(reward_dense_est - reward_dense_true)) AS error,
        avg(reward_dense_est - reward_dense_true) AS bias,
        count(*) AS steps
 FROM transitions
-WHERE scheme <> 'oracle' AND reward_dense_est IS NOT NULL AND distance_true < 0.5 AND {runs}
+WHERE scheme <> 'oracle' AND reward_dense_est IS NOT NULL AND distance_true < 0.5 AND {{runs}}
 GROUP BY ALL
 HAVING steps >= 20
 ORDER BY ALL
@@ -129,10 +128,12 @@ ORDER BY ALL
 """
 
 VOLUME = """
--- how much was logged
-SELECT count(DISTINCT run) AS runs, count(*) AS episodes, sum(length) AS transitions, sum(wall_time_s) AS seconds
+-- how much each run logged
+SELECT run, count(*) AS episodes, sum(length)::BIGINT AS transitions, sum(wall_time_s) AS seconds
 FROM episodes
 WHERE {runs}
+GROUP BY run
+ORDER BY run
 """
 
 EPISODES_BEHIND = f"""

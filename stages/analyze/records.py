@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
@@ -11,6 +12,7 @@ from stages.analyze import provenance
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.figures import cameras
+from stages.analyze.figures.figure import Figure
 from stages.analyze.report import Contents
 from stages.analyze.studies import Study
 
@@ -42,6 +44,13 @@ class Record(BaseModel):
     def makers(self) -> list[Maker]:
         """Everything that made a part of it, what ended it last."""
         return [*self.resumed_from, Maker(code=self.code, environment=self.environment)]
+
+    def moved(self, of: Sequence[Environment], to: Sequence[Environment]) -> "Record":
+        """The same with its places in another list of environments."""
+        resumed = [
+            maker.model_copy(update={"environment": to.index(of[maker.environment])}) for maker in self.resumed_from
+        ]
+        return self.model_copy(update={"environment": to.index(of[self.environment]), "resumed_from": resumed})
 
 
 class Shown(BaseModel):
@@ -77,17 +86,49 @@ def of(contents: Contents) -> Provenance:
     environments = provenance.distinct(
         [origin.environment for artifact in found.values() for origin in artifact.manifest.origins]
     )
-    figures = [Shown(id=figure.id, title=figure.title, caption=figure.caption) for figure in contents.figures]
-    if contents.cameras:
-        figures.append(Shown(id=cameras.ID, title=cameras.TITLE, caption=cameras.CAPTION))
     return Provenance(
         analysis=contents.config,
         studies=[asdict(study) for study in selection.studies],
         left_out=dict(contents.left_out),
         artifacts=[_record(artifact, environments) for artifact in found.values()],
         environments=environments,
-        figures=figures,
+        figures=shown(contents.drawn.every, contents.cameras),
     )
+
+
+def shown(figures: Sequence[Figure], views: Sequence[Path]) -> list[Shown]:
+    """What is said of `figures`, and of the camera's where it has `views`."""
+    listed = [Shown(id=figure.id, title=figure.title, caption=figure.caption) for figure in figures]
+    return [*listed, *([Shown(id=cameras.ID, title=cameras.TITLE, caption=cameras.CAPTION)] if views else [])]
+
+
+def together(earlier: Provenance, later: Provenance) -> Provenance:
+    """Both as one: a run has its later record; what runs descend from is there as often as it was made.
+
+    Analysis, figures and what is left out are those of `later`; a study of both has the variants of both.
+    """
+    environments = provenance.distinct([*earlier.environments, *later.environments])
+    runs = {record.id for record in later.artifacts if record.id.startswith("runs/")}
+    kept = [record for record in earlier.artifacts if record.id not in runs]
+    placed = [
+        *(record.moved(earlier.environments, environments) for record in kept),
+        *(record.moved(later.environments, environments) for record in later.artifacts),
+    ]
+    return later.model_copy(
+        update={
+            "studies": _studies(earlier.studies, later.studies),
+            "artifacts": list({(record.id, record.manifest_sha256): record for record in placed}.values()),
+            "environments": environments,
+        }
+    )
+
+
+def _studies(earlier: Sequence[dict[str, Any]], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    found = {study["name"]: study for study in earlier}
+    for study in later:
+        before = found.get(study["name"], study)
+        found[study["name"]] = study | {"runs": list(dict.fromkeys([*before["runs"], *study["runs"]]))}
+    return list(found.values())
 
 
 def _record(artifact: Artifact, environments: Sequence[Environment]) -> Record:

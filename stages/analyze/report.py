@@ -11,8 +11,8 @@ from stages.analyze.behind import Recording
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived
+from stages.analyze.drawn import Drawn
 from stages.analyze.figures import cameras
-from stages.analyze.figures.figure import Figure
 from stages.analyze.limits import limits
 from stages.analyze.results import Answer, rows_of
 from stages.analyze.rules import RULES
@@ -28,21 +28,10 @@ class Contents:
     selection: Selection
     answers: dict[str, Answer]
     derived: Derived
-    estimator_figures: list[Figure]
-    curve_figures: list[Figure]
-    success_figures: list[Figure]
-    error_figures: list[Figure]
-    region_figures: list[Figure]
-    study_figures: list[Figure]
+    drawn: Drawn
     recordings: list[Recording]
     cameras: list[Path]
     left_out: Mapping[str, int]  # NAME of runs: how many were not finished
-
-    @property
-    def figures(self) -> list[Figure]:
-        """All of them, in the order of the page."""
-        of_policies = [*self.curve_figures, *self.success_figures, *self.error_figures, *self.region_figures]
-        return [*self.estimator_figures, *of_policies, *self.study_figures]
 
     @property
     def shown(self) -> list[Artifact]:
@@ -53,15 +42,15 @@ class Contents:
 def render(contents: Contents) -> str:
     """The report as HTML. Names of artifacts are data, so they are escaped wherever they appear."""
     policy_sections = [
-        {"id": "curves", "title": "Learning curves", "figures": contents.curve_figures},
-        {"id": "success", "title": "Success", "figures": contents.success_figures},
-        {"id": "reward-errors", "title": "Reward error", "figures": contents.error_figures},
+        {"id": "curves", "title": "Learning curves", "figures": contents.drawn.curves},
+        {"id": "success", "title": "Success", "figures": contents.drawn.success},
+        {"id": "reward-errors", "title": "Reward error", "figures": contents.drawn.errors},
     ]
     groups = contents.derived.groups
     confidence = f"{100 * contents.config.confidence:g} %"
     return page.render(
         "report.html.j2",
-        contents.figures,
+        contents.drawn.every,
         title=_title(contents.selection),
         sections=_sections(contents, policy_sections),
         tiles=tiles(contents.selection, contents.derived, contents.answers),
@@ -71,7 +60,7 @@ def render(contents: Contents) -> str:
         several_names=len({group.name for group in groups}) > 1,
         failed=[run for run in contents.selection.every_run if run.manifest.status == "failed"],
         estimators=rows_of(contents.answers, "estimators"),
-        estimator_figures=contents.estimator_figures,
+        estimator_figures=contents.drawn.estimator,
         policy_sections=policy_sections,
         switches=contents.derived.switches,
         best_beside=contents.derived.best_beside,
@@ -79,7 +68,7 @@ def render(contents: Contents) -> str:
         targets=contents.derived.targets,
         rules=RULES,
         studies=_studies(contents),
-        region_figures=contents.region_figures,
+        region_figures=contents.drawn.regions,
         correlations=rows_of(contents.answers, "region-correlation"),
         comparisons=contents.derived.comparisons,
         cameras=[{"title": cameras.title(path), "uri": _data_uri(path)} for path in contents.cameras],
@@ -106,10 +95,10 @@ def _title(selection: Selection) -> str:
 def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
     present = [
         ("summary", "Summary", True),
-        ("estimator", "Estimator", contents.estimator_figures),
+        ("estimator", "Estimator", contents.drawn.estimator),
         ("cameras", "Camera settings", contents.cameras),
         *((section["id"], section["title"], section["figures"]) for section in policy),
-        ("regions", "Regions of the table", contents.region_figures),
+        ("regions", "Regions of the table", contents.drawn.regions),
         ("switch", "Effect of the switch", contents.derived.switches),
         ("claims", "The paper's claims", contents.derived.groups),
         ("studies", "Studies", contents.selection.studies),
@@ -124,7 +113,7 @@ def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tupl
 
 def _studies(contents: Contents) -> list[dict[str, Any]]:
     """Each study with its variants, what they say, and its figure."""
-    figures = {figure.id: figure for figure in contents.study_figures}
+    figures = {figure.id: figure for figure in contents.drawn.studies}
     return [
         {
             "study": study,

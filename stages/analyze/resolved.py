@@ -1,13 +1,15 @@
 """The configuration that the artifacts of an analysis share, as one file that makes them again."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
 from schemas.config import flatten
 from stages.analyze import toml_text
-from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
+from stages.analyze.results import Row
 from stages.analyze.studies import Study
 from stages.analyze.study import Selection
 
@@ -21,23 +23,42 @@ _IDENTITY = {
 _MATRIX = {f"run.{key}": f"policy.{name}" for key, name in _IDENTITY.items()} | {
     "run.misalignment_kind": "policy.misalignment_kind"
 }
-_SECTIONS = ("camera", "collect", "perception")
+INPUTS = ("camera", "collect", "perception")
+"""Sections of what the runs descend from."""
 
 Values = dict[str, Any]
 
 
-def config_toml(config: AnalyzeConfig, selection: Selection) -> str:
-    """[world] to [studies.NAME] for `--config`; what differs between runs of one task is named in a comment."""
-    sources = [*selection.estimators, *selection.datasets]
-    sections: Values = {"world": _shared([run.manifest.config.get("world", {}) for run in selection.runs])}
-    for name in _SECTIONS:
-        sections[name] = _shared([each.manifest.config[name] for each in sources if name in each.manifest.config])
-    policy = _policy(selection.runs)
+@dataclass(frozen=True)
+class _Run:
+    name: str  # NAME, of its matrix
+    main: bool
+    config: Values
+
+
+def config_toml(
+    config: AnalyzeConfig, studies: Sequence[Study], inputs: Mapping[str, Values], runs: Sequence[Row]
+) -> str:
+    """[world] to [studies.NAME] for `--config`; what differs between runs of one task is named in a comment.
+
+    `inputs` are the sections of what the runs descend from, `runs` the answer of that name.
+    """
+    every = [_Run(row["name"], row["main"], json.loads(row["config"])) for row in runs]
+    main = [run for run in every if run.main]
+    policy = _policy(main)
+    sections: Values = {"world": _shared([run.config.get("world", {}) for run in main])}
+    sections |= {name: inputs.get(name) for name in INPUTS}
     sections["policy"] = policy
     sections["analyze"] = config.model_dump(mode="json")
-    sections["studies"] = {study.name: _study(study, selection, policy) for study in selection.studies}
-    comments = [f"# Not the same in all runs, so not here: {key}" for key in _differing(selection.runs)]
+    sections["studies"] = {study.name: _study(study, every, policy) for study in studies}
+    comments = [f"# Not the same in all runs, so not here: {key}" for key in _differing(main)]
     return "\n".join([*comments, toml_text.dumps({k: v for k, v in sections.items() if v})])
+
+
+def of_inputs(selection: Selection) -> dict[str, Values]:
+    """[camera], [collect] and [perception] as the datasets and estimators share them."""
+    configs = [each.manifest.config for each in [*selection.estimators, *selection.datasets]]
+    return {name: _shared([config[name] for config in configs if name in config]) for name in INPUTS}
 
 
 def _shared(configs: Sequence[Values]) -> Values:
@@ -53,7 +74,7 @@ def _shared(configs: Sequence[Values]) -> Values:
     return shared
 
 
-def _policy(runs: Sequence[Artifact]) -> Values:
+def _policy(runs: Sequence[_Run]) -> Values:
     """[policy] of the first task, with [policy.TASK] for what differs in another."""
     tasks = sorted(_distinct(_identity(run, "task") for run in runs), key=lambda task: (task != "reach", task))
     sections = {}
@@ -63,7 +84,7 @@ def _policy(runs: Sequence[Artifact]) -> Values:
             name: _distinct(_identity(run, key) for run in mine) for key, name in _IDENTITY.items() if key != "task"
         }
         kinds = _distinct(_identity(run, "misalignment_kind") for run in mine)
-        settings = _shared([run.manifest.config.get("policy", {}) for run in mine])
+        settings = _shared([run.config.get("policy", {}) for run in mine])
         sections[task] = lists | {"misalignment_kind": kinds[0] if kinds else None} | settings
     if not tasks:
         return {}
@@ -82,8 +103,8 @@ def _changes(values: Values, base: Values) -> Values:
     return changed
 
 
-def _identity(run: Artifact, key: str) -> Any:
-    return run.manifest.config.get("run", {}).get(key)
+def _identity(run: _Run, key: str) -> Any:
+    return run.config.get("run", {}).get(key)
 
 
 def _distinct(values: Iterable[Any]) -> list[Any]:
@@ -95,26 +116,26 @@ def _distinct(values: Iterable[Any]) -> list[Any]:
     return sorted(found) if all(isinstance(value, int | float) for value in found) else found
 
 
-def _differing(runs: Sequence[Artifact]) -> list[str]:
+def _differing(runs: Sequence[_Run]) -> list[str]:
     """Keys of [world], and of [policy] among the runs of one task, that have several values."""
     found: dict[str, None] = {}
     for task in _distinct(_identity(run, "task") for run in runs):
-        mine = [dict(flatten(run.manifest.config)) for run in runs if _identity(run, "task") == task]
+        mine = [dict(flatten(run.config)) for run in runs if _identity(run, "task") == task]
         for key in mine[0]:
             if key.startswith(("world.", "policy.")) and any(config.get(key) != mine[0][key] for config in mine):
                 found[key] = None
     return list(found)
 
 
-def _study(study: Study, selection: Selection, policy: Values) -> Values:
+def _study(study: Study, every: Sequence[_Run], policy: Values) -> Values:
     """The section that makes the study's runs again: the cells they are of, what else differs, and what varies."""
-    runs = [run for run in selection.every_run if _name(run) in study.runs]
+    runs = [run for run in every if run.name in study.runs]
     tasks = _distinct(_identity(run, "task") for run in runs)
-    mine = [dict(flatten(run.manifest.config)) for run in runs]
+    mine = [dict(flatten(run.config)) for run in runs]
     main = [
-        dict(flatten(run.manifest.config))
-        for run in selection.runs
-        if _name(run) == study.main and _identity(run, "task") in tasks
+        dict(flatten(run.config))
+        for run in every
+        if run.main and run.name == study.main and _identity(run, "task") in tasks
     ]
     cells = {
         heard: values for name, values in _cells(runs).items() for heard in _heard(f"policy.{name}", tasks, policy)
@@ -130,25 +151,20 @@ def _study(study: Study, selection: Selection, policy: Values) -> Values:
     return {"question": study.question, "set": kept, "vary": varied}
 
 
-def _cells(runs: Sequence[Artifact]) -> Values:
+def _cells(runs: Sequence[_Run]) -> Values:
     """What of [policy] chooses these cells: its lists, and the kind of misalignment."""
     lists: Values = {name: _distinct(_identity(run, key) for run in runs) for key, name in _IDENTITY.items()}
     kinds = _distinct(_identity(run, "misalignment_kind") for run in runs)
     return lists | ({"misalignment_kind": kinds[0]} if len(kinds) == 1 else {})
 
 
-def _values(key: str, study: Study, runs: Sequence[Artifact]) -> list[Any]:
+def _values(key: str, study: Study, runs: Sequence[_Run]) -> list[Any]:
     """What `key` was in the variants, each value once; a list of the matrix is as long as it is in each of them."""
     listed = key in [f"run.{each}" for each in _IDENTITY]
     by_name = {
-        name: _distinct(dict(flatten(run.manifest.config)).get(key) for run in runs if _name(run) == name)
-        for name in study.runs
+        name: _distinct(dict(flatten(run.config)).get(key) for run in runs if run.name == name) for name in study.runs
     }
     return _distinct(by_name.values() if listed else chain.from_iterable(by_name.values()))
-
-
-def _name(run: Artifact) -> str:
-    return run.name.split("/")[0]
 
 
 def _heard(key: str, tasks: Sequence[str], policy: Values) -> list[str]:

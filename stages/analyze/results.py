@@ -35,6 +35,11 @@ def rows_of(answers: Mapping[str, Answer], name: str) -> list[Row]:
     return answers[name].rows if name in answers else []
 
 
+def total(answers: Mapping[str, Answer], name: str, column: str) -> int:
+    """Sum of a column of an answer of counts."""
+    return sum(row[column] or 0 for row in rows_of(answers, name))
+
+
 @dataclass(frozen=True)
 class Scores:
     """What each seed of a group reached."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from stages.analyze import paper
 from stages.analyze.derived import Derived, estimator_errors
-from stages.analyze.results import Answer
+from stages.analyze.results import Answer, total
 from stages.analyze.study import Selection
 
 
@@ -32,9 +32,8 @@ def tiles(selection: Selection, derived: Derived, answers: Mapping[str, Answer])
         seeds = sorted({len(group.seeds) for group in derived.groups})
         several = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]}–{seeds[-1]}"
         made.append(Tile("Seeds a group", several, "", f"{len(derived.groups)} groups; the paper has {paper.SEEDS}"))
-        volume = answers["volume"].rows[0]
-        note = f"in {volume['episodes']:,} episodes, every one queryable and replayable"
-        made.append(Tile("Transitions logged", f"{volume['transitions'] or 0:,}", "", note))
+        note = f"in {total(answers, 'volume', 'episodes'):,} episodes, every one queryable and replayable"
+        made.append(Tile("Transitions logged", f"{total(answers, 'volume', 'transitions'):,}", "", note))
     if errors := estimator_errors(answers):
         which = f", the worst of {len(errors)} estimators" if len(errors) > 1 else ""
         note = f"mean on test episodes{which}; the paper has {100 * paper.ESTIMATOR_ERROR:.1f} cm"

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from itertools import groupby
-from statistics import mean, stdev
+from statistics import fmean, mean, stdev
 
 import altair as alt
 
@@ -170,8 +170,9 @@ def _points(rows: list[Row], *, x: alt.X, colour: alt.Color, offset: float) -> a
 def reward_error(links: Links, rows: list[Row], sql: str) -> Figure:
     """What the estimate does to the dense reward, one panel a task."""
     several = len({row["name"] for row in rows}) > 1
-    top = max(row["error"] for row in rows)
-    shown = [row | {"recording": links.of_setting(row)} for row in rows]
+    together = _over_schemes(rows)
+    top = max(row["error"] for row in together)
+    shown = [row | {"recording": links.of_setting(row)} for row in together]
     panels = [
         Panel(f"{task} · {name}" if several else task, _error_panel(list(part), top))
         for (_, task, name), part in groupby(sorted(shown, key=_by_task), _by_task)
@@ -182,6 +183,22 @@ def reward_error(links: Links, rows: list[Row], sql: str) -> Figure:
     )
     id = "reward-error"
     return Figure(id, "How wrong the dense reward is, by distance", caption, tuple(panels), id, sql, rows)
+
+
+def _over_schemes(rows: list[Row]) -> list[Row]:
+    """Means over all steps of a setting and a distance, whichever scheme's policy made them."""
+    keys = ("name", "task", "misalignment_kind", "misalignment_deg", "distance")
+    bins: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        bins.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return [dict(zip(keys, key, strict=True)) | _mean_of_steps(members) for key, members in bins.items()]
+
+
+def _mean_of_steps(rows: list[Row]) -> Row:
+    steps = [row["steps"] for row in rows]
+    return {"steps": sum(steps)} | {
+        quantity: fmean([row[quantity] for row in rows], weights=steps) for quantity in ("error", "bias")
+    }
 
 
 def _by_task(row: Row) -> tuple[bool, str, str]:

@@ -1,0 +1,132 @@
+"""Evidence made in several sittings is the evidence of one."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.evidence import check_directory, copy_evidence
+from schemas.errors import ArtifactError, ConfigError
+from schemas.progress import Silent
+from stages.analyze.accumulate import accumulate
+from stages.analyze.config import AnalyzeConfig
+from stages.analyze.run import run
+from stages.analyze.studies import Study
+from tests.analyze.evidence_checks import assert_follows, committed, read_me
+from tests.analyze.fake_artifacts import write_dataset, write_estimator
+from tests.analyze.fake_runs import write_run
+from tests.analyze.fake_study import write_paper_study, write_switch_study
+
+CONFIG = AnalyzeConfig(bootstrap_samples=200)
+LATER = ("*-orbit05-*", "*-orbit10-*")  # angles of the second sitting
+
+
+def report(root: Path, studies: tuple[Study, ...] = ()) -> Path:
+    out = root / "out"
+    out.mkdir()
+    run(CONFIG, root, [], [], out, studies=studies, recorder=None, progress=Silent())
+    return out
+
+
+@pytest.fixture(scope="module")
+def sittings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """Evidence of everything; of 0° with one variant of a study; of the other angles with the study's other variant."""
+    where = tmp_path_factory.mktemp("sittings")
+    write_paper_study(where / "all", logged_steps=4000)
+    study = write_switch_study(where / "all", estimator=where / "all" / "estimators" / "resnet")
+    parts = []
+    for name, cells, variant in (("first", LATER, study.runs[:1]), ("second", ("*-orbit00-*",), study.runs[1:])):
+        part = where / name
+        shutil.copytree(where / "all", part)
+        gone = [cell for pattern in cells for cell in (part / "runs" / "study").glob(pattern)]
+        gone += [part / "runs" / each for each in study.runs if each not in variant]
+        for directory in gone:
+            shutil.rmtree(directory)
+        parts.append(report(part, (replace(study, runs=variant),)))
+    return report(where / "all", (study,)), *parts
+
+
+@pytest.mark.parametrize("order", [(1, 2), (2, 1)])
+def test_two_sittings_say_what_one_says(
+    sittings: tuple[Path, Path, Path], order: tuple[int, int], tmp_path: Path
+) -> None:
+    """Also where the main runs beside a study's variant are of the other sitting."""
+    once, both = sittings[0], tmp_path / "both"
+    accumulate(sittings[order[0]], sittings[order[1]], both)
+    assert_follows(both)
+    names = {path.stem for path in (once / "tables").glob("*.parquet")}
+    assert names == {path.stem for path in (both / "tables").glob("*.parquet")}
+    for name in names:
+        assert ordered(committed(both, name)) == ordered(committed(once, name)), name
+    assert {path.name for path in (both / "figures").iterdir()} == {path.name for path in (once / "figures").iterdir()}
+    assert sorted(read_me(both).splitlines()) == sorted(read_me(once).splitlines())
+    assert (both / "config.toml").read_text() == (once / "config.toml").read_text()
+
+
+def ordered(rows: list[dict[str, object]]) -> list[str]:
+    return sorted(json.dumps(row, sort_keys=True) for row in rows)
+
+
+def test_a_part_once_more_changes_nothing(sittings: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    once, first, _ = sittings
+    accumulate(once, first, tmp_path / "again")
+    for path in (once / "tables").glob("*.parquet"):
+        assert ordered(committed(tmp_path / "again", path.stem)) == ordered(committed(once, path.stem)), path.stem
+
+
+def one_run(root: Path, seed: int = 0, epochs: int = 30, scheme: str = "dense") -> Path:
+    estimator = write_estimator(root, epochs=epochs, dataset=write_dataset(root))
+    write_run(root, scheme=scheme, seed=seed, estimator=estimator)
+    return report(root)
+
+
+def test_a_rerun_replaces_what_was_there(tmp_path: Path) -> None:
+    earlier, later = one_run(tmp_path / "a"), tmp_path / "b"
+    estimator = write_estimator(later, dataset=write_dataset(later))
+    write_run(later, scheme="dense", outcome=(12.5, 0.25), estimator=estimator)
+    accumulate(earlier, report(later), tmp_path / "both")
+    assert [row["mean_return"] for row in committed(tmp_path / "both", "outcomes")] == [12.5]
+
+
+def test_another_estimator_of_the_same_name_is_refused(tmp_path: Path) -> None:
+    earlier, later = one_run(tmp_path / "a"), one_run(tmp_path / "b", epochs=29, scheme="sparse")
+    with pytest.raises(
+        ConfigError,
+        match=r"estimator 'resnet' is not the one .*epochs is 29 here, 30 there.* give one of them another name",
+    ):
+        accumulate(earlier, later, tmp_path / "both")
+
+
+def test_seeds_of_a_group_are_not_split(tmp_path: Path) -> None:
+    earlier, later = one_run(tmp_path / "a", seed=0), one_run(tmp_path / "b", seed=1)
+    with pytest.raises(ConfigError, match=r"study/reach-dense-orbit00-seed0\): the seeds of one group"):
+        accumulate(earlier, later, tmp_path / "both")
+
+
+def test_evidence_of_an_older_version_is_refused_and_left_alone(tmp_path: Path) -> None:
+    old = Path(__file__).parents[2] / "results" / "laptop-studies"
+    shutil.copytree(old, tmp_path / "old")
+    before = {path: path.read_bytes() for path in (tmp_path / "old").rglob("*") if path.is_file()}
+    with pytest.raises(ConfigError, match="another version"):
+        copy_evidence(one_run(tmp_path / "a"), tmp_path / "old", accumulate=True)
+    assert before == {path: path.read_bytes() for path in (tmp_path / "old").rglob("*") if path.is_file()}
+
+
+def test_the_first_sitting_needs_no_earlier_one_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    made, kept = one_run(tmp_path / "a"), tmp_path / "kept"
+    copy_evidence(made, kept, accumulate=True)
+    assert (kept / "README.md").read_bytes() == (made / "README.md").read_bytes()
+    (kept / "NOTES.md").write_text("by hand")
+    copy_evidence(one_run(tmp_path / "b", scheme="sparse"), kept, accumulate=True)
+    assert {row["scheme"] for row in committed(kept, "outcomes")} == {"dense", "sparse"}
+    assert (kept / "NOTES.md").read_text() == "by hand"
+    (kept / "config.toml").unlink()
+    with pytest.raises(ArtifactError, match=r"no config\.toml"):
+        copy_evidence(made, kept, accumulate=True)
+
+
+def test_nothing_to_accumulate_in(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--evidence DIR"):
+        check_directory(None, tmp_path, accumulate=True)
