@@ -11,7 +11,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
-from schemas.errors import ConfigError
+from schemas.errors import ArtifactError, ConfigError
 from stages.analyze import evidence, records, tables
 from stages.analyze.behind import Links
 from stages.analyze.derived import derive
@@ -53,16 +53,27 @@ def accumulate(earlier: Path, later: Path, out: Path) -> None:
     """Write into `out`, which is empty, the evidence in `earlier` and `later` as one; where both know, `later` counts.
 
     Raises:
+        ArtifactError: `earlier` cannot be read.
         ConfigError: they do not fit together: `earlier` is of an older version, they have different estimators of the
             same name, or the seeds of one group are split between them.
     """
-    before, now = evidence.read_told(earlier), evidence.read_told(later)
-    old, new = (tables.read_answers(directory / "tables") for directory in (earlier, later))
+    (before, old), (now, new) = _read(earlier), _read(later)
     _check_version(earlier, old)
     _check_estimators(old, new)
     _check_groups(rows_of(old, "runs"), rows_of(new, "runs"))
     told = records.together(before, now)
     _write(out, told, _together(old, new, told.asked), (earlier, later))
+
+
+def _read(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
+    try:
+        _inputs(directory)
+        return evidence.read_told(directory), tables.read_answers(directory / "tables")
+    except (ValueError, OSError) as error:  # of JSON, TOML and Parquet too
+        reason = str(error).splitlines()[0]
+        raise ArtifactError(
+            f"the evidence in {directory} cannot be read ({reason}): restore it, or remove it"
+        ) from error
 
 
 def _together(old: Mapping[str, Answer], new: Mapping[str, Answer], asked: Sequence[Study]) -> dict[str, Answer]:

@@ -122,6 +122,14 @@ def test_the_first_sitting_needs_no_earlier_one_and_a_damaged_one_is_named(tmp_p
     copy_evidence(one_run(tmp_path / "b", scheme="sparse"), kept, accumulate=True)
     assert {row["scheme"] for row in committed(kept, "outcomes")} == {"dense", "sparse"}
     assert (kept / "NOTES.md").read_text() == "by hand"
+    whole = (kept / "provenance.json").read_text()
+    (kept / "provenance.json").write_text(whole[: len(whole) // 2])
+    with pytest.raises(ArtifactError, match="cannot be read .*restore it"):
+        copy_evidence(made, kept, accumulate=True)
+    (kept / "provenance.json").write_text(whole)
+    (kept / "tables" / "runs.parquet").write_bytes(b"PAR1")
+    with pytest.raises(ArtifactError, match="cannot be read .*restore it"):
+        copy_evidence(made, kept, accumulate=True)
     (kept / "config.toml").unlink()
     with pytest.raises(ArtifactError, match=r"no config\.toml"):
         copy_evidence(made, kept, accumulate=True)

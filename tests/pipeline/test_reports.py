@@ -118,6 +118,18 @@ def test_stale_evidence_is_removed_and_other_files_are_not(run: Run, stages: Sta
         assert [path.name for path in (evidence / part).iterdir()] == ["of-2-runs"]
 
 
+def test_an_earlier_evidence_is_added_to_when_asked(run: Run, stages: Stages, evidence: Path, tmp_path: Path) -> None:
+    """The first of several is copied as it is; one of another version, or a flag without a directory, is refused."""
+    prepare(run, "collect", "train-perception", "train-policy")
+    command = ("analyze", "--evidence", evidence, "--accumulate")
+    assert answer(run(*command, "--dry-run", "--json"))["plan"][-1]["plan"] == "add the report's evidence"
+    answer(run(*command, "--json"))
+    assert (evidence / "README.md").read_text() == "README.md"
+    refused(run(*command), 3, f"the evidence in {evidence} cannot be read")  # the fake stage's are no tables
+    for without in (("analyze",), ("run", "demo", *TINY)):
+        refused(run(*without, "--accumulate"), 2, "name its directory with --evidence DIR")
+
+
 def test_where_evidence_cannot_go(run: Run, stages: Stages, data: Path, tmp_path: Path) -> None:
     prepare(run, "collect", "train-perception")
     file = tmp_path / "file"
