@@ -65,6 +65,22 @@ def test_freezing_leaves_the_network_as_it_was(network, images):
     assert all(torch.equal(value, before[key]) for key, value in network.state_dict().items())
 
 
+@pytest.mark.parametrize(
+    ("capabilities", "expected"),
+    [
+        ({"architecture": "x86_64", "avx512_bf16": False, "amx_bf16": False}, torch.float32),
+        ({"architecture": "x86_64", "avx512_bf16": True, "amx_bf16": False}, torch.bfloat16),
+        ({"architecture": "x86_64", "avx512_bf16": False, "amx_bf16": True}, torch.bfloat16),
+        ({"architecture": "aarch64"}, torch.bfloat16),
+    ],
+)
+def test_bfloat16_is_for_cpus_that_multiply_it(monkeypatch, capabilities, expected):
+    """oneDNN calls it supported wherever there is AVX-512, where it is slower than float32."""
+    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: True)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities)
+    assert arithmetic("bfloat16", CPU) is expected
+
+
 def test_cpus_without_bfloat16_compute_in_float32(monkeypatch):
     monkeypatch.setattr(torch.backends.mkldnn, "is_available", lambda: False)
     assert arithmetic("bfloat16", CPU) is torch.float32
