@@ -3,10 +3,14 @@
 Answers are about a run, or about the runs that differ in nothing but the seed, so those of different runs stand beside
 each other; everything else follows from them. What compares runs of different schemes step by step or episode by
 episode (lost return, the effect of the switch beside `dense`) is there for those that were analysed together.
+
+An estimator that was made anew, by the same configuration on another machine, is another one: it is told apart by a
+number after its name.
 """
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -54,12 +58,13 @@ def accumulate(earlier: Path, later: Path, out: Path) -> None:
 
     Raises:
         ArtifactError: `earlier` cannot be read.
-        ConfigError: they do not fit together: `earlier` is of an older version, they have different estimators of the
-            same name, or the seeds of one group are split between them.
+        ConfigError: they do not fit together: `earlier` is of an older version, what their runs descend from has
+            another configuration by the same name, or the seeds of one group are split between them.
     """
     (before, old), (now, new) = _read(earlier), _read(later)
     _check_version(earlier, old)
-    _check_estimators(old, new)
+    _check_descent(before, now)
+    new = _told_apart(old, new)
     _check_groups(rows_of(old, "runs"), rows_of(new, "runs"))
     told = records.together(before, now)
     _write(out, told, _together(old, new, told.asked), (earlier, later))
@@ -144,16 +149,33 @@ def _older(directory: Path) -> ConfigError:
     )
 
 
-def _check_estimators(old: Mapping[str, Answer], new: Mapping[str, Answer]) -> None:
-    """Runs of several sittings are compared as if their estimators were one, so those of a name have to be."""
-    before = {row["estimator"]: row for row in rows_of(old, "estimators")}
-    for row in rows_of(new, "estimators"):
-        known = before.get(row["estimator"], row)
-        if different := [f"{key} is {row[key]} here, {known[key]} there" for key in row if row[key] != known[key]]:
+def _check_descent(before: Provenance, now: Provenance) -> None:
+    """Runs of several sittings are compared as if datasets and estimators of a name were made in the same way."""
+    configs = {record.id: record.config_sha256 for record in before.artifacts if not record.id.startswith("runs/")}
+    for record in now.artifacts:
+        if configs.get(record.id, record.config_sha256) != record.config_sha256:
             raise ConfigError(
-                f"estimator {row['estimator']!r} is not the one that the earlier evidence has by this name "
-                f"({different[0]}): give one of them another name, with --name"
+                f"{record.id} was made by another configuration than the one that the earlier evidence has by this "
+                "name: give one of them another name, with --name"
             )
+
+
+def _told_apart(old: Mapping[str, Answer], new: Mapping[str, Answer]) -> dict[str, Answer]:
+    """The answers in `new`, estimators that are not those in `old` by the same name with a number after it."""
+    known = {row["estimator"]: row for row in rows_of(old, "estimators")}
+    labels = {row["estimator"]: _label(row, known) for row in rows_of(new, "estimators")}
+    return {name: Answer(answer.sql, [_relabelled(row, labels) for row in answer.rows]) for name, answer in new.items()}
+
+
+def _label(estimator: Row, known: Mapping[str, Row]) -> str:
+    """`laptop`, or `laptop (2)` where that is another one."""
+    name = str(estimator["estimator"])
+    labels = chain([name], (f"{name} ({number})" for number in count(2)))
+    return next(label for label in labels if label not in known or known[label] == estimator | {"estimator": label})
+
+
+def _relabelled(row: Row, labels: Mapping[str, str]) -> Row:
+    return row | {"estimator": labels.get(row["estimator"], row["estimator"])} if "estimator" in row else row
 
 
 def _check_groups(old: Sequence[Row], new: Sequence[Row]) -> None:

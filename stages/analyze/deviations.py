@@ -14,7 +14,8 @@ def deviations(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:
     """`runs` and `errors` are answers: the main runs, and the error of their estimators by misalignment."""
     if not runs:
         return _kinds(runs, errors)
-    return [_world(runs), _training(runs), *_learning(runs), *_seeing(runs), *_kinds(runs, errors)]
+    parts = [*_learning(runs), *_seeing(runs), *_estimators(runs), *_kinds(runs, errors)]
+    return [_world(runs), _training(runs), *parts]
 
 
 _SEEN = {
@@ -82,6 +83,27 @@ def _sizes(run: Row) -> str | None:
     unseen = ("eef", "cube_to_eef") if run.get("proprioception") == "joints" else ()
     said = [f"{name} by {size:g}" for name, size in sizes.items() if size != 1.0 and name not in unseen]
     return " and ".join(said) or None
+
+
+def _estimators(runs: Sequence[Row]) -> list[str]:
+    """Where there are several: whose estimates the runs of each setting are about."""
+    names = sorted(_all(runs, "estimator"))
+    if len(names) < 2:
+        return []
+    said = [f"{name} in {_settings([run for run in runs if run.get('estimator') == name])}" for name in names]
+    return [f"The paper has one estimator, these runs have {len(names)}: {'; '.join(said)}."]
+
+
+def _settings(runs: Sequence[Row]) -> str:
+    """`reach at 0° (oracle, dense) and 10° (sparse), lift at 0° (oracle)`."""
+    told: dict[str, dict[float, list[str]]] = {}
+    for run in sorted(runs, key=lambda run: (run["task"] != "reach", run["misalignment_deg"])):
+        told.setdefault(run["task"], {}).setdefault(run["misalignment_deg"], []).append(run["scheme"])
+    return ", ".join(
+        f"{task} at "
+        + " and ".join(f"{degrees:g}° ({', '.join(dict.fromkeys(found))})" for degrees, found in angles.items())
+        for task, angles in told.items()
+    )
 
 
 def _kinds(runs: Sequence[Row], errors: Sequence[Row]) -> list[str]:

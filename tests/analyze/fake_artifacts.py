@@ -84,7 +84,14 @@ def write_dataset(root: Path, name: str = "fixed-camera") -> Path:
     return directory
 
 
-def write_estimator(root: Path, name: str = "resnet", epochs: int = 30, dataset: Path | None = None) -> Path:
+def write_estimator(
+    root: Path,
+    name: str = "resnet",
+    epochs: int = 30,
+    dataset: Path | None = None,
+    error: float = 0.0152,
+    config: dict[str, Any] | None = None,
+) -> Path:
     """An estimator whose error falls with every epoch, and rises when the camera is turned."""
     rng = np.random.default_rng(1)
     directory = root / "estimators" / name
@@ -96,9 +103,9 @@ def write_estimator(root: Path, name: str = "resnet", epochs: int = 30, dataset:
         for error in scale / 100 * rng.gamma(4.0, 0.25, size=200)
     ]
     write_parquet(table(rows, tables.PREDICTIONS), directory / "predictions.parquet")
-    summary = {"test_mean_error": 0.0152, "test_median_error": 0.0131, "test_p95_error": 0.031, "epochs": epochs}
+    summary = {"test_mean_error": error, "test_median_error": 0.0131, "test_p95_error": 0.031, "epochs": epochs}
     inputs = {f"datasets/{dataset.name}": dataset} if dataset else {}
-    write_manifest(directory, f"estimators/{name}", {}, summary, inputs=inputs)
+    write_manifest(directory, f"estimators/{name}", config or {}, summary, inputs=inputs)
     return directory
 
 

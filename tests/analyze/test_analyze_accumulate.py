@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -76,9 +77,9 @@ def test_a_part_once_more_changes_nothing(sittings: tuple[Path, Path, Path], tmp
         assert ordered(committed(tmp_path / "again", path.stem)) == ordered(committed(once, path.stem)), path.stem
 
 
-def one_run(root: Path, seed: int = 0, epochs: int = 30, scheme: str = "dense") -> Path:
-    estimator = write_estimator(root, epochs=epochs, dataset=write_dataset(root))
-    write_run(root, scheme=scheme, seed=seed, estimator=estimator)
+def one_run(root: Path, seed: int = 0, scheme: str = "dense", **estimator: Any) -> Path:
+    made = write_estimator(root, dataset=write_dataset(root), **estimator)
+    write_run(root, scheme=scheme, seed=seed, estimator=made)
     return report(root)
 
 
@@ -90,13 +91,29 @@ def test_a_rerun_replaces_what_was_there(tmp_path: Path) -> None:
     assert [row["mean_return"] for row in committed(tmp_path / "both", "outcomes")] == [12.5]
 
 
-def test_another_estimator_of_the_same_name_is_refused(tmp_path: Path) -> None:
-    earlier, later = one_run(tmp_path / "a"), one_run(tmp_path / "b", epochs=29, scheme="sparse")
-    with pytest.raises(
-        ConfigError,
-        match=r"estimator 'resnet' is not the one .*epochs is 29 here, 30 there.* give one of them another name",
-    ):
-        accumulate(earlier, later, tmp_path / "both")
+def test_estimators_made_anew_are_told_apart(tmp_path: Path) -> None:
+    """By one configuration another machine makes another estimator; the same one again is no third."""
+    parts = [one_run(tmp_path / "a"), one_run(tmp_path / "b", scheme="sparse", error=0.0171)]
+    both, again = tmp_path / "both", tmp_path / "again"
+    accumulate(*parts, both)
+    accumulate(both, parts[1], again)
+    for out in (both, again):
+        assert_follows(out)
+        errors = {row["estimator"]: row["test_mean_error"] for row in committed(out, "estimators")}
+        assert errors == {"resnet": 0.0152, "resnet (2)": 0.0171}
+        assert {row["estimator"] for row in committed(out, "estimator-epochs")} == set(errors)
+        used = {row["scheme"]: row["estimator"] for row in committed(out, "runs")}
+        assert used == {"dense": "resnet", "sparse": "resnet (2)"}
+        assert "one estimator, these runs have 2: resnet in reach at 0° (dense); resnet (2) in reach" in read_me(out)
+    third = one_run(tmp_path / "c", scheme="oracle", error=0.0133)
+    accumulate(again, third, tmp_path / "three")
+    assert [row["estimator"] for row in committed(tmp_path / "three", "estimators")][2] == "resnet (3)"
+
+
+def test_another_configuration_of_the_same_name_is_refused(tmp_path: Path) -> None:
+    other = one_run(tmp_path / "b", scheme="sparse", config={"perception": {"epochs": 29}})
+    with pytest.raises(ConfigError, match=r"estimators/resnet was made by another configuration .*--name"):
+        accumulate(one_run(tmp_path / "a"), other, tmp_path / "both")
 
 
 def test_seeds_of_a_group_are_not_split(tmp_path: Path) -> None:
