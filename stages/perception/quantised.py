@@ -2,6 +2,12 @@
 
 Weights are symmetric per output channel, activations unsigned with one step per tensor, measured on training frames;
 products are summed in 32 bits (Jacob et al. 2018). Stem, pooling and the last layer are left as they are.
+
+Milliseconds an image at 64 × 64 pixels, one thread, on an Intel Xeon with AVX-512 but neither VNNI nor bfloat16:
+
+    batch            1     2     3     6    12
+    float32       29.3  24.3  21.4  18.8  17.2
+    this          22.9  13.3  11.5   8.7   7.9
 """
 
 from collections.abc import Iterator
@@ -19,10 +25,14 @@ Ranges = tuple[tuple[float, float], ...]
 
 
 def is_supported() -> bool:
-    """Whether torch has the operators and this CPU the instructions: without them 8 bits are slower than 16."""
+    """Whether torch has the operators and this CPU the width: without AVX-512 nothing was measured."""
     operators = all(hasattr(torch.ops.onednn, name) for name in ("qconv_prepack", "qconv2d_pointwise"))
-    vnni = getattr(torch.cpu, "_is_vnni_supported", lambda: False)
-    return operators and torch.backends.mkldnn.is_available() and bool(vnni())
+    return operators and torch.backends.mkldnn.is_available() and bool(torch.cpu.get_capabilities().get("avx512_f"))
+
+
+def _largest_weight() -> int:
+    """Of the integers: without VNNI two products are added in 16 bits, where 2 · 255 · 127 would be cut off."""
+    return 127 if torch.cpu.get_capabilities().get("avx512_vnni") else 64
 
 
 def activations(network: ResNet34) -> int:
@@ -98,7 +108,7 @@ class _Convolution:
         folded = fuse_conv_bn_eval(convolution, norm)
         assert folded.bias is not None  # it holds the norm's shift
         weight = folded.weight.detach()
-        steps = weight.abs().amax(dim=(1, 2, 3)).clamp(min=1e-12) / 127  # (outputs,)
+        steps = weight.abs().amax(dim=(1, 2, 3)).clamp(min=1e-12) / _largest_weight()  # (outputs,)
         integers = (weight / steps[:, None, None, None]).round().to(torch.int8)
         shape = convolution.stride, (convolution.kernel_size[0] // 2,) * 2, (1, 1), 1
         packed = torch.ops.onednn.qconv_prepack(integers, steps, source.step, source.zero, *shape)

@@ -56,6 +56,17 @@ def test_features_are_those_of_the_network_within_a_few_percent(network: ResNet3
 
 
 @needs_integers
+def test_sums_of_the_largest_weights_and_activations_are_not_cut_off() -> None:
+    """64 channels of 3 × 3 ones times ones make 576; CPUs without VNNI add two products in 16 bits."""
+    convolution, norm = torch.nn.Conv2d(64, 8, 3, padding=1, bias=False).eval(), torch.nn.BatchNorm2d(8, eps=0.0).eval()
+    torch.nn.init.ones_(convolution.weight)
+    source, target = quantised._Scale.of(0.0, 1.0), quantised._Scale.of(0.0, 600.0)
+    ones = source.quantise(torch.ones(1, 64, 5, 5)).contiguous(memory_format=torch.channels_last)
+    found = quantised._Convolution(convolution, norm, source, target)(ones)
+    assert target.real(found)[0, :, 2, 2].tolist() == pytest.approx([576.0] * 8, abs=target.step)
+
+
+@needs_integers
 def test_an_image_has_the_same_output_in_any_company(network: ResNet34, images: torch.Tensor) -> None:
     integers = FrozenResNet34(network, torch.bfloat16, CPU, measure_ranges(network, images))
     together = integers(images)
