@@ -23,8 +23,9 @@ def check_directory(directory: Path | None, data: Path, accumulate: bool = False
     """Refuse, before any work, a directory that the evidence could not be copied to; None: none is asked for.
 
     Raises:
+        ArtifactError: an earlier evidence to `accumulate` in is damaged.
         ConfigError: it overlaps the data root, is no directory, or holds files of the same names that are no evidence;
-            or there is nothing to `accumulate` in.
+            or there is nothing to `accumulate` in, or an evidence of an older version.
         MachineError: it cannot be written to.
     """
     if directory is None:
@@ -46,6 +47,16 @@ def check_directory(directory: Path | None, data: Path, accumulate: bool = False
         )
     if not os.access(there, os.W_OK | os.X_OK):
         raise MachineError(_unwritable(directory, "permission denied"))
+    if accumulate and (target / MARK).exists():
+        _check_earlier(directory)
+
+
+def _check_earlier(directory: Path) -> None:
+    from stages.analyze.accumulate import read_earlier
+
+    if missing := [part for part in parts() if not (directory / part).exists()]:
+        raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
+    read_earlier(directory)
 
 
 def planned_copy(directory: Path | None, accumulate: bool = False) -> list[dict[str, str]]:
@@ -88,8 +99,7 @@ def _with_earlier(report: Path, directory: Path, together: Path) -> Path:
 
     if not (directory / MARK).exists():
         return report
-    if missing := [part for part in parts() if not (directory / part).exists()]:
-        raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
+    _check_earlier(directory)
     accumulate(directory, report, together)
     return together
 

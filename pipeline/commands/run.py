@@ -43,7 +43,7 @@ def run(
     """
     from pipeline.commands.results import failure_message, note_left_out, session, show_plan
     from pipeline.evidence import check_directory, copy_evidence, planned_copy
-    from pipeline.output import print_json
+    from pipeline.output import console, print_json
     from pipeline.steps.chain import plan, run_chain
     from schemas.errors import MachineError
 
@@ -55,10 +55,12 @@ def run(
         return
     chain = run_chain(work, options.artifact_name, studies, None if options.quiet else _announce)
     note_left_out(options, chain.left_out)
-    copy_evidence(chain.report.parent, evidence, accumulate)
     message = failure_message(chain.cells)
     if not options.as_json and not options.quiet:
-        _show(chain, evidence)
+        _show(chain)
+    copy_evidence(chain.report.parent, evidence, accumulate)
+    if evidence and not options.as_json and not options.quiet:
+        console().print(f"[bold]Evidence[/]   {evidence}", soft_wrap=True)
     if message:
         raise MachineError(message)
     if options.as_json:
@@ -98,7 +100,7 @@ def _as_json(options: StageOptions, chain: "Chain", evidence: Path | None) -> di
     }
 
 
-def _show(chain: "Chain", evidence: Path | None) -> None:
+def _show(chain: "Chain") -> None:
     """Results, how long each stage took, and where to look."""
     from pipeline.commands.results import results_table
     from pipeline.output import console, table
@@ -116,7 +118,5 @@ def _show(chain: "Chain", evidence: Path | None) -> None:
     error = chain.outcomes("train-perception")[0].summary.get("test_mean_error")
     out.print(f"\nEstimator's mean error on unseen episodes: {figure(error)} m")
     out.print(f"[bold]Report[/]     {chain.report}", soft_wrap=True)
-    if evidence:
-        out.print(f"[bold]Evidence[/]   {evidence}", soft_wrap=True)
     for path in chain.recordings:
         out.print(f"[bold]Recording[/]  {path}  (open with `rerun {path}`)", soft_wrap=True)

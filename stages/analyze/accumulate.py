@@ -1,16 +1,10 @@
 """Evidence of several sittings: what an earlier one says of runs whose logs are elsewhere is kept beside what is new.
 
-Answers are about a run, or about the runs that differ in nothing but the seed, so those of different runs stand beside
-each other; everything else follows from them. What compares runs of different schemes step by step or episode by
-episode (lost return, the effect of the switch beside `dense`) is there for those that were analysed together.
-
-An estimator that was made anew, by the same configuration on another machine, is another one: it is told apart by a
-number after its name.
+How their answers become one is `stages.analyze.sittings`; everything else follows from the answers.
 """
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from itertools import chain, count
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -22,35 +16,9 @@ from stages.analyze.derived import derive
 from stages.analyze.drawn import draw
 from stages.analyze.figures import cameras, export
 from stages.analyze.records import Provenance
-from stages.analyze.resolved import INPUTS
+from stages.analyze.resolved import INPUTS, shared
 from stages.analyze.results import IDENTITY, Answer, Row, rows_of
-from stages.analyze.studies import Study
-
-_RUN, _SETTING, _ESTIMATOR = ("run",), IDENTITY[:-1], ("estimator",)
-_ABOUT = {
-    "runs": _RUN,
-    "outcomes": _RUN,
-    "learning-area": _RUN,
-    "volume": _RUN,
-    "episodes-behind": _RUN,
-    "learning-curves": IDENTITY,
-    "switch-effect": IDENTITY,
-    "regions": IDENTITY,
-    "region-correlation": IDENTITY,
-    "reward-error": IDENTITY,
-    "switches": _SETTING,
-    "estimators": _ESTIMATOR,
-    "estimator-epochs": _ESTIMATOR,
-    "estimator-misalignment": _ESTIMATOR,
-    "study-outcomes": ("study", "run"),
-}
-"""What the rows of an answer are about, by its name: rows about the same are replaced by newer ones."""
-_PLACE = ("task", "scheme", "misalignment_kind", "misalignment_deg")  # of a study's run and the main one beside it
-_OF_RUN = ("run", "name", *_PLACE, "seed", "status", "main", "config")
-_OF_END = (
-    *("split", "after_episode", "episodes", "mean_return", "success_rate"),
-    *("mean_steps_to_success", "mean_estimation_error"),
-)
+from stages.analyze.sittings import ABOUT, key_of, together, told_apart, without
 
 
 def accumulate(earlier: Path, later: Path, out: Path) -> None:
@@ -61,13 +29,25 @@ def accumulate(earlier: Path, later: Path, out: Path) -> None:
         ConfigError: they do not fit together: `earlier` is of an older version, what their runs descend from has
             another configuration by the same name, or the seeds of one group are split between them.
     """
-    (before, old), (now, new) = _read(earlier), _read(later)
-    _check_version(earlier, old)
+    (before, old), (now, new) = read_earlier(earlier), _read(later)
     _check_descent(before, now)
-    new = _told_apart(old, new)
     _check_groups(rows_of(old, "runs"), rows_of(new, "runs"))
+    old = without(old, rows_of(new, "runs"))
+    new = told_apart(old, new)
     told = records.together(before, now)
-    _write(out, told, _together(old, new, told.asked), (earlier, later))
+    _write(out, told, together(old, new, told.asked), (earlier, later))
+
+
+def read_earlier(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
+    """The evidence in `directory`, to which something can be added.
+
+    Raises:
+        ArtifactError: it cannot be read.
+        ConfigError: it is of an older version.
+    """
+    told, answers = _read(directory)
+    _check_version(directory, answers)
+    return told, answers
 
 
 def _read(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
@@ -81,62 +61,9 @@ def _read(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
         ) from error
 
 
-def _together(old: Mapping[str, Answer], new: Mapping[str, Answer], asked: Sequence[Study]) -> dict[str, Answer]:
-    answers = {}
-    for name in dict.fromkeys([*new, *old]):
-        rows = _union(rows_of(old, name), rows_of(new, name), _ABOUT[name])
-        answers[name] = Answer((new.get(name) or old[name]).sql, rows)
-    if "episodes-behind" in answers:
-        answers["episodes-behind"] = _one_extreme(answers["episodes-behind"])
-    if "study-outcomes" in answers:
-        answers["study-outcomes"] = _beside_main(answers, asked)
-    return answers
-
-
-def _union(old: Sequence[Row], new: Sequence[Row], about: Sequence[str]) -> list[Row]:
-    """Rows of both, ordered by what they are about."""
-    known = {_key(row, about) for row in new}
-    kept = [row for row in old if _key(row, about) not in known]
-    return sorted([*kept, *new], key=lambda row: _key(row, about))
-
-
-def _key(row: Row, about: Sequence[str]) -> tuple[Any, ...]:
-    return tuple(row[key] for key in about)
-
-
-def _one_extreme(answer: Answer) -> Answer:
-    """Of the best of several sittings the best, and of the worst the worst."""
-    rows = [dict(row) for row in answer.rows]
-    for flag, sign in (("best", 1), ("worst", -1)):
-        for task in {row["task"] for row in rows}:
-            flagged = [row for row in rows if row["task"] == task and row[flag]]
-            for row in sorted(flagged, key=lambda row: sign * row["return_dense_true"])[:-1]:
-                row[flag] = False
-    return Answer(answer.sql, [row for row in rows if row["best"] or row["worst"] or row["typical"]])
-
-
-def _beside_main(answers: Mapping[str, Answer], asked: Sequence[Study]) -> Answer:
-    """The studies' runs with the main ones of the same settings, which another sitting may have made."""
-    varied = [row for row in answers["study-outcomes"].rows if not row["main"]]
-    settings = {(row["study"], *_key(row, _PLACE)) for row in varied}
-    ends = {row["run"]: row for row in rows_of(answers, "outcomes")}
-    beside = [
-        {"study": study.name, **_picked(run, _OF_RUN), **_picked(ends.get(run["run"], {}), _OF_END)}
-        for study in asked
-        for run in rows_of(answers, "runs")
-        if run["name"] == study.main and (study.name, *_key(run, _PLACE)) in settings
-    ]
-    ordered = sorted([*varied, *beside], key=lambda row: (row["study"], row["main"], row["run"]))
-    return Answer(answers["study-outcomes"].sql, ordered)
-
-
-def _picked(row: Row, keys: Sequence[str]) -> Row:
-    return {key: row.get(key) for key in keys}
-
-
 def _check_version(directory: Path, answers: Mapping[str, Answer]) -> None:
     for name in answers:
-        if name not in _ABOUT or any(key not in row for row in rows_of(answers, name)[:1] for key in _ABOUT[name]):
+        if name not in ABOUT or any(key not in row for row in rows_of(answers, name)[:1] for key in ABOUT[name]):
             raise _older(directory)
     if any("config" not in run for run in rows_of(answers, "runs")):
         raise _older(directory)
@@ -160,24 +87,6 @@ def _check_descent(before: Provenance, now: Provenance) -> None:
             )
 
 
-def _told_apart(old: Mapping[str, Answer], new: Mapping[str, Answer]) -> dict[str, Answer]:
-    """The answers in `new`, estimators that are not those in `old` by the same name with a number after it."""
-    known = {row["estimator"]: row for row in rows_of(old, "estimators")}
-    labels = {row["estimator"]: _label(row, known) for row in rows_of(new, "estimators")}
-    return {name: Answer(answer.sql, [_relabelled(row, labels) for row in answer.rows]) for name, answer in new.items()}
-
-
-def _label(estimator: Row, known: Mapping[str, Row]) -> str:
-    """`laptop`, or `laptop (2)` where that is another one."""
-    name = str(estimator["estimator"])
-    labels = chain([name], (f"{name} ({number})" for number in count(2)))
-    return next(label for label in labels if label not in known or known[label] == estimator | {"estimator": label})
-
-
-def _relabelled(row: Row, labels: Mapping[str, str]) -> Row:
-    return row | {"estimator": labels.get(row["estimator"], row["estimator"])} if "estimator" in row else row
-
-
 def _check_groups(old: Sequence[Row], new: Sequence[Row]) -> None:
     """A group's means are over its seeds, so those of one group have to be analysed together."""
     there, here = _seeds(old), _seeds(new)
@@ -192,8 +101,7 @@ def _check_groups(old: Sequence[Row], new: Sequence[Row]) -> None:
 def _seeds(runs: Sequence[Row]) -> dict[tuple[Any, ...], set[str]]:
     found: dict[tuple[Any, ...], set[str]] = {}
     for run in runs:
-        if run["main"]:
-            found.setdefault(_key(run, IDENTITY), set()).add(run["run"])
+        found.setdefault(key_of(run, IDENTITY), set()).add(run["run"])
     return found
 
 
@@ -217,5 +125,6 @@ def _write(out: Path, told: Provenance, answers: dict[str, Answer], sources: Seq
     shown = records.shown(figures, cameras.pictures(out / "figures"))
     cameras.write(cameras.pictures(out / "figures"), out / "figures")
     tables.write_all(out / "tables", answers, derived.tables)
-    inputs = {name: section for source in sources for name, section in _inputs(source).items()}
+    found = [_inputs(source) for source in sources]
+    inputs = {name: shared([each[name] for each in found if name in each]) for each in found for name in each}
     evidence.write_told(told.model_copy(update={"figures": shown}), answers, derived, inputs, out)

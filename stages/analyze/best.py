@@ -10,7 +10,7 @@ from stages.analyze.results import misalignment, order
 from stages.analyze.statistics import BySeed, Statistics
 from stages.analyze.studies import Study, Variant
 
-TREATMENT = ("policy.buffer", "policy.reset")
+TREATMENT = ("policy.buffer", "policy.reset", "policy.reset_updates")
 """Keys of what becomes of replay buffer and networks at the switch, on which the paper is silent."""
 
 

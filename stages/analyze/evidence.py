@@ -78,6 +78,7 @@ def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -
         names=sorted({row["name"] for row in runs if row["main"]}),
         runs=runs,
         left_out=told.left_out,
+        accumulated=told.accumulated,
         unfinished=[row for row in runs if row["status"] != "complete"],
         errors={record.id.removeprefix("runs/"): record.error for record in told.artifacts},
         groups=derived.groups,

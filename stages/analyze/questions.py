@@ -11,7 +11,8 @@ RUNS = """
 -- every run, of the main matrix and of the studies beside it: what it is, how it went, the hash of what makes it again
 SELECT run, name, task, scheme, misalignment_kind, misalignment_deg, seed, status, estimator,
        episodes, final_return, final_success_rate,
-       config->>'$.policy.buffer' AS buffer, config->>'$.policy.reset' AS reset, config->>'$.world.robot' AS robot,
+       config->>'$.policy.buffer' AS buffer, config->>'$.policy.reset' AS reset,
+       (config->>'$.policy.reset_updates')::INT AS reset_updates, config->>'$.world.robot' AS robot,
        (config->>'$.world.cube_half_range')::DOUBLE AS cube_half_range,
        (config->>'$.policy.episodes')::INT AS training_episodes,
        (config->>'$.policy.td3.gamma')::DOUBLE AS gamma,

@@ -1,6 +1,6 @@
 """provenance.json: what an evidence is from, enough to redo what follows from its answers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,7 @@ class Provenance(BaseModel):
     analysis: AnalyzeConfig
     studies: list[dict[str, Any]]
     left_out: dict[str, int] = {}  # NAME of runs: how many were not finished
+    accumulated: bool = False  # over several sittings
     artifacts: list[Record]
     environments: list[Environment]
     figures: list[Shown]
@@ -103,24 +104,42 @@ def shown(figures: Sequence[Figure], views: Sequence[Path]) -> list[Shown]:
 
 
 def together(earlier: Provenance, later: Provenance) -> Provenance:
-    """Both as one: a run has its later record; what runs descend from is there as often as it was made.
+    """Both as one: a run has its later record; what runs descend from is there as often as it was made for them.
 
-    Analysis, figures and what is left out are those of `later`; a study of both has the variants of both.
+    Analysis and figures are those of `later`; a study of both has the variants of both; a NAME's unfinished runs are
+    those of the later sitting that had any of it.
     """
     environments = provenance.distinct([*earlier.environments, *later.environments])
     runs = {record.id for record in later.artifacts if record.id.startswith("runs/")}
-    kept = [record for record in earlier.artifacts if record.id not in runs]
     placed = [
-        *(record.moved(earlier.environments, environments) for record in kept),
+        *(record.moved(earlier.environments, environments) for record in _without(earlier.artifacts, runs)),
         *(record.moved(later.environments, environments) for record in later.artifacts),
     ]
+    names = {id.split("/")[1] for id in runs}
     return later.model_copy(
         update={
             "studies": _studies(earlier.studies, later.studies),
+            "left_out": {name: n for name, n in earlier.left_out.items() if name not in names} | later.left_out,
             "artifacts": list({(record.id, record.manifest_sha256): record for record in placed}.values()),
             "environments": environments,
+            "accumulated": True,
         }
     )
+
+
+def _without(records: Sequence[Record], runs: Set[str]) -> list[Record]:
+    """Without these runs, and without what only they descend from."""
+    by_pin = {(record.id, record.manifest_sha256): record for record in records}
+    kept = [record for record in records if record.id not in runs]
+    gone = _ancestors([record for record in records if record.id in runs], by_pin)
+    gone -= _ancestors([record for record in kept if record.id.startswith("runs/")], by_pin)
+    return [record for record in kept if (record.id, record.manifest_sha256) not in gone]
+
+
+def _ancestors(records: Sequence[Record], by_pin: Mapping[tuple[str, str], Record]) -> set[tuple[str, str]]:
+    """Ids and hashes of all that these descend from."""
+    pins = {(ref.id, ref.manifest_sha256) for record in records for ref in record.inputs}
+    return pins | _ancestors([by_pin[pin] for pin in pins if pin in by_pin], by_pin) if pins else pins
 
 
 def _studies(earlier: Sequence[dict[str, Any]], later: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

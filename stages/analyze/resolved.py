@@ -46,7 +46,7 @@ def config_toml(
     every = [_Run(row["name"], row["main"], json.loads(row["config"])) for row in runs]
     main = [run for run in every if run.main]
     policy = _policy(main)
-    sections: Values = {"world": _shared([run.config.get("world", {}) for run in main])}
+    sections: Values = {"world": shared([run.config.get("world", {}) for run in main])}
     sections |= {name: inputs.get(name) for name in INPUTS}
     sections["policy"] = policy
     sections["analyze"] = config.model_dump(mode="json")
@@ -58,20 +58,20 @@ def config_toml(
 def of_inputs(selection: Selection) -> dict[str, Values]:
     """[camera], [collect] and [perception] as the datasets and estimators share them."""
     configs = [each.manifest.config for each in [*selection.estimators, *selection.datasets]]
-    return {name: _shared([config[name] for config in configs if name in config]) for name in INPUTS}
+    return {name: shared([config[name] for config in configs if name in config]) for name in INPUTS}
 
 
-def _shared(configs: Sequence[Values]) -> Values:
+def shared(configs: Sequence[Values]) -> Values:
     """The values that all of `configs` have; nested sections as such."""
     first = configs[0] if configs else {}
-    shared: Values = {}
+    same: Values = {}
     for key, value in first.items():
         if isinstance(value, dict):
             inner = [config[key] for config in configs if isinstance(config.get(key), dict)]
-            shared[key] = _shared(inner) if len(inner) == len(configs) else {}
+            same[key] = shared(inner) if len(inner) == len(configs) else {}
         elif all(key in config and config[key] == value for config in configs):
-            shared[key] = value
-    return shared
+            same[key] = value
+    return same
 
 
 def _policy(runs: Sequence[_Run]) -> Values:
@@ -84,7 +84,7 @@ def _policy(runs: Sequence[_Run]) -> Values:
             name: _distinct(_identity(run, key) for run in mine) for key, name in _IDENTITY.items() if key != "task"
         }
         kinds = _distinct(_identity(run, "misalignment_kind") for run in mine)
-        settings = _shared([run.config.get("policy", {}) for run in mine])
+        settings = shared([run.config.get("policy", {}) for run in mine])
         sections[task] = lists | {"misalignment_kind": kinds[0] if kinds else None} | settings
     if not tasks:
         return {}

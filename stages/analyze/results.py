@@ -98,7 +98,7 @@ def _group(
     learnt = [curves[cell["run"]] for cell in cells if cell["run"] in curves]
     statuses = [cell["status"] for cell in cells]
     failed = [cell["seed"] for cell in cells if cell["status"] == "failed" and cell["seed"] is not None]
-    returns = _by_seed(rows, "mean_return")
+    returns, success = _by_seed(rows, "mean_return"), _by_seed(rows, "success_rate")
     return Group(
         name=str(name),
         task=str(task),
@@ -116,18 +116,27 @@ def _group(
         success=statistics.of(row["success_rate"] for row in rows),
         steps_to_success=statistics.of(row["mean_steps_to_success"] for row in rows),
         estimation_error=statistics.of(row["mean_estimation_error"] for row in rows),
-        scores=Scores(returns, _by_seed(rows, "success_rate"), _shares(_by_seed(learnt, "area"), returns)),
+        scores=Scores(returns, success, _shares(_by_seed(learnt, "area"), returns, success)),
     )
 
 
 def _treatment(cells: Sequence[Row]) -> str | None:
-    found = {f"{cell['buffer']}, {cell['reset']}" for cell in cells if cell["buffer"] and cell["reset"]}
+    found = {_treated(cell) for cell in cells if cell["buffer"] and cell["reset"]}
     return " or ".join(sorted(found)) or None
 
 
-def _shares(areas: BySeed, returns: BySeed) -> BySeed:
-    """Of the level that each seed ended at, so that how fast it learnt is not mixed with how far it got."""
-    return {seed: area / returns[seed] for seed, area in areas.items() if returns.get(seed, 0.0) > 0}
+def _treated(cell: Row) -> str:
+    updates = cell.get("reset_updates")
+    return f"{cell['buffer']}, {cell['reset']}" + (f" caught up by {updates} updates" if updates else "")
+
+
+def _shares(areas: BySeed, returns: BySeed, success: BySeed) -> BySeed:
+    """Of the level that each seed ended at, so that how fast it learnt is not mixed with how far it got.
+
+    A seed that never succeeds has learnt nothing, at no speed.
+    """
+    learnt = [seed for seed in areas if returns.get(seed, 0.0) > 0 and success.get(seed, 0.0) > 0]
+    return {seed: areas[seed] / returns[seed] for seed in learnt}
 
 
 def _by_seed(rows: Sequence[Row], column: str) -> BySeed:

@@ -87,7 +87,7 @@ def _text(value: Any) -> str:
 
 def _treatment(row: Row) -> Row:
     policy = json.loads(row["config"]).get("policy", {})
-    return {key: policy.get(key) for key in ("buffer", "reset")}
+    return {key: policy.get(key) for key in ("buffer", "reset", "reset_updates")}
 
 
 def _is_of(row: Row, group: Group) -> bool:

@@ -99,7 +99,8 @@ class RunConfig(Config):
     """dense2sparse: which networks are drawn afresh at the switch."""
     reset_updates: Annotated[int, Field(ge=0, le=10_000_000)] = 0
     """Updates by which critics that are drawn afresh learn, from what the buffer holds, what the policy is worth,
-    before it in turn learns from them: as drawn they lead it away from all that it has learnt."""
+    before it in turn learns from them: as drawn they lead it away from all that it has learnt. For reset = "critics"
+    and a buffer that is not emptied."""
     updates_per_step: Annotated[int, Field(ge=0, le=1000)] = 1
     proprioception: Proprioception = "forward_kinematics"
     """joints: the paper's list; forward_kinematics adds gripper position and estimated cube-gripper vector;
@@ -121,6 +122,15 @@ class RunConfig(Config):
     frames are rendered again by a replay."""
     log_updates_every: Annotated[int, Field(ge=1)] = 100
     td3: TD3Config = TD3Config()
+
+    @model_validator(mode="after")
+    def _check_catching_up(self) -> "RunConfig":
+        if self.reset_updates and (self.reset != "critics" or self.buffer == "empty"):
+            raise ValueError(
+                f"reset_updates = {self.reset_updates} is for new critics that learn from an old buffer: it takes "
+                f'reset = "critics" (is "{self.reset}") and buffer = "keep" or "relabel" (is "{self.buffer}")'
+            )
+        return self
 
 
 SECTIONS = ("td3", "observation_scale")

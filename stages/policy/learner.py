@@ -44,13 +44,18 @@ class Learner:
         self._catch_up([row for row in rows if self._specs[row].config.reset != "none"])
 
     def _catch_up(self, rows: Sequence[int]) -> None:
-        """Critics drawn afresh learn what the policy is worth, each run's as often as its configuration says."""
+        """Critics drawn afresh learn what the policy is worth, each run's as often as its configuration says.
+
+        Logged like other updates, at the episode's first step; their rows have no actor's loss.
+        """
         batches, noise = self._streams(Stream.SWITCH_BATCH, 0), self._streams(Stream.SWITCH_TARGET_NOISE, 0)
         updates = {row: self._specs[row].config.reset_updates for row in rows if self._buffer.size[row] > 0}
         for number in range(max(updates.values(), default=0)):
             learning = [row for row, count in updates.items() if number < count]
             batch = self._buffer.sample(self._config.td3.batch_size, batches, self._td3.device)
-            self._td3.update(batch, self._target_noise(noise, learning), learning, critics_only=True)
+            update = self._td3.update(batch, self._target_noise(noise, learning), learning, critics_only=True)
+            self._note(learning, update.numpy(), step=0)
+        self._close(list(updates), step=0)
 
     def learn(self, rows: Sequence[int], step: int) -> None:
         """The updates of one step, of those of these runs that have something to learn from."""
@@ -58,11 +63,7 @@ class Learner:
         rows = [row for row in rows if self._buffer.size[row] > 0]
         for _ in range(config.updates_per_step if rows else 0):
             batch = self._buffer.sample(config.td3.batch_size, self._batches, self._td3.device)
-            metrics = self._td3.update(batch, self._target_noise(self._noise, rows), rows).numpy()
-            for row in rows:
-                self._windows[row].add(metrics[row])
-                if self._windows[row].count == config.log_updates_every:
-                    self._log(row, step)
+            self._note(rows, self._td3.update(batch, self._target_noise(self._noise, rows), rows).numpy(), step)
 
     def remember(
         self,
@@ -85,9 +86,12 @@ class Learner:
 
     def end(self, rows: Sequence[int]) -> None:
         """Log what is in the windows: a row ends with its episode, so that a resumed run writes the same rows."""
+        self._close(rows, self._horizon - 1)
+
+    def _close(self, rows: Sequence[int], step: int) -> None:
         for row in rows:
             if self._windows[row].count:
-                self._log(row, self._horizon - 1)
+                self._log(row, step)
 
     def _streams(self, stream: Stream, index: int) -> list[np.random.Generator]:
         return [generator(spec.seed, stream, index) for spec in self._specs]
@@ -98,6 +102,13 @@ class Learner:
         for row in rows:
             streams[row].standard_normal(dtype=np.float32, out=noise[row])
         return torch.from_numpy(noise * np.float32(self._config.td3.target_noise)).to(self._td3.device)
+
+    def _note(self, rows: Sequence[int], metrics: np.ndarray, step: int) -> None:
+        """Add an update's `METRICS` (n, 6) to the windows of these runs; log those that are full."""
+        for row in rows:
+            self._windows[row].add(metrics[row])
+            if self._windows[row].count == self._config.log_updates_every:
+                self._log(row, step)
 
     def _log(self, row: int, step: int) -> None:
         spec = self._specs[row]

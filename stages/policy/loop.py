@@ -96,8 +96,11 @@ class Lockstep:
 
     def train_episode(self, episode: int, task: Task) -> None:
         """One training episode of every run; the switch of rewards happens at its start."""
+        torch.set_num_threads(self._threads)
+        started = time.perf_counter()
         self._learner.begin(episode)
         self._learner.switch([row for row in self.alive if self._switches(row, episode)])
+        self.learning_seconds += time.perf_counter() - started
         learning = episode >= self.config.warmup_episodes
         self._rollout(_Episode("train", episode, episode, self._exploration(episode), learning), task)
         self._fail_unlearnt(episode)

@@ -17,15 +17,17 @@ SHARE = Claim("id", "a at least of b", "target", "at least", "return", A, B, val
 SPREAD = Claim("id", "a varies more than b", "§", "spread", "success", B, A)
 
 
-def group(scheme: str, returns: tuple[float, ...], failed: tuple[int, ...] = (), **changes: Any) -> Group:
-    """A group of reach at 0° whose seeds 0, 1, … end at `returns`."""
+def group(
+    scheme: str, returns: tuple[float, ...], failed: tuple[int, ...] = (), rate: float = 1 / 200, **changes: Any
+) -> Group:
+    """A group of reach at 0° whose seeds 0, 1, … end at `returns`, and succeed at `rate` times that."""
     identity = {"name": "main", "task": "reach", "misalignment_kind": "orbit", "misalignment_deg": 0.0}
     common = identity | {"scheme": scheme, "buffer": "keep", "reset": "none"} | changes
     seeds = dict.fromkeys(range(len(returns)), "complete") | dict.fromkeys(failed, "failed")
     runs = [common | {"run": f"main/{seed}", "seed": seed, "status": status} for seed, status in seeds.items()]
     outcome = {"split": "final", "episodes": 200, "mean_steps_to_success": None, "mean_estimation_error": None}
     outcomes = [
-        outcome | {"run": f"main/{seed}", "seed": seed, "mean_return": value, "success_rate": value / 200}
+        outcome | {"run": f"main/{seed}", "seed": seed, "mean_return": value, "success_rate": value * rate}
         for seed, value in enumerate(returns)
     ]
     (made,) = groups(runs, outcomes, [{"run": "main/0", "seed": 0, "area": 50.0}], STATISTICS)

@@ -21,6 +21,7 @@ from tests.analyze.fake_runs import write_run
 from tests.analyze.fake_study import write_paper_study, write_switch_study
 
 CONFIG = AnalyzeConfig(bootstrap_samples=200)
+GATHERED = " (those of the last sitting: the evidence was gathered in several, by `--accumulate`)"
 LATER = ("*-orbit05-*", "*-orbit10-*")  # angles of the second sitting
 
 
@@ -62,7 +63,8 @@ def test_two_sittings_say_what_one_says(
     for name in names:
         assert ordered(committed(both, name)) == ordered(committed(once, name)), name
     assert {path.name for path in (both / "figures").iterdir()} == {path.name for path in (once / "figures").iterdir()}
-    assert sorted(read_me(both).splitlines()) == sorted(read_me(once).splitlines())
+    assert sorted(read_me(both).replace(GATHERED, "").splitlines()) == sorted(read_me(once).splitlines())
+    assert GATHERED in read_me(both)
     assert (both / "config.toml").read_text() == (once / "config.toml").read_text()
 
 
@@ -150,6 +152,17 @@ def test_the_first_sitting_needs_no_earlier_one_and_a_damaged_one_is_named(tmp_p
     (kept / "config.toml").unlink()
     with pytest.raises(ArtifactError, match=r"no config\.toml"):
         copy_evidence(made, kept, accumulate=True)
+
+
+def test_what_cannot_be_added_to_is_refused_before_any_work(tmp_path: Path) -> None:
+    old = Path(__file__).parents[2] / "results" / "laptop-studies"
+    shutil.copytree(old, tmp_path / "old")
+    check_directory(tmp_path / "old", tmp_path / "data")
+    with pytest.raises(ConfigError, match="another version"):
+        check_directory(tmp_path / "old", tmp_path / "data", accumulate=True)
+    (tmp_path / "old" / "config.toml").unlink()
+    with pytest.raises(ArtifactError, match=r"no config\.toml"):
+        check_directory(tmp_path / "old", tmp_path / "data", accumulate=True)
 
 
 def test_nothing_to_accumulate_in(tmp_path: Path) -> None:

@@ -113,6 +113,7 @@ def test_learning_is_measured_by_the_share_of_its_own_final_level() -> None:
     """Both learn equally fast; one gets twice as far."""
     low, high = group("dense", (100.0,)), group("dense2sparse", (200.0,))
     assert (low.scores.area, high.scores.area) == ({0: 0.5}, {0: 0.25})  # an area of 50 each
+    assert group("sparse", (100.0,), rate=0.0).scores.area == {}, "what never succeeds has not learnt, at no speed"
     claims = [claim for claim in CLAIMS if claim.quantity == "area"]
     assert {claim.id: "own final level" in claim.statement for claim in claims} == {
         "reach-sparse-slower-dense2sparse": True,

@@ -98,6 +98,10 @@ def test_unknown_key_lists_the_keys_and_guesses() -> None:
         ("policy.episodes=many", "policy.episodes = 'many': should be a valid integer"),
         ("camera.position=[1, 2]", "camera.position[2] is missing"),
         ("collect.test_fraction=0.95", "collect: validation_fraction + test_fraction must be below 1"),
+        (
+            "policy.reset_updates=5",
+            "reset_updates = 5 is for new critics that learn from an old buffer: it takes reset =",
+        ),
         ("policy.episodes.x=1", "policy.episodes"),
         ("policy=1", "--set 'policy=1' is not of the form section.key=value"),
         ("policy.episodes", "--set 'policy.episodes' is not of the form section.key=value"),

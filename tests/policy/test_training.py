@@ -153,6 +153,16 @@ class TestLog:
         assert [row["update"] for row in rows] == [4, 6, 10, 12, 16, 18, 22, 24, 28, 30]
         assert all(np.isfinite(row["critic1_loss"]) for row in rows)
 
+    def test_critics_that_catch_up_are_logged_as_such(self, tmp_path: Path) -> None:
+        """Nine updates at the switch, in windows of four, before those of the steps; no actor learns in them."""
+        config = CONFIG.model_copy(update={"reset": "critics", "reset_updates": 9})
+        [spec] = run_specs(tmp_path, ("dense2sparse",), config)
+        trained([spec])
+        rows = [row for row in pq.read_table(spec.out / "updates.parquet").to_pylist() if row["episode"] == 4]
+        assert [row["update"] for row in rows] == [22, 26, 27, 31, 33]
+        assert [row["actor_loss"] is None for row in rows] == [True, True, True, False, False]
+        assert {(row["global_step"], row["phase"]) for row in rows[:3]} == {(4 * HORIZON, "sparse")}
+
 
 @pytest.mark.usefixtures("fake")
 class TestSeeds:

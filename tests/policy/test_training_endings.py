@@ -55,10 +55,13 @@ class Stopping(Silent):
 
 @pytest.mark.usefixtures("fake")
 class TestStop:
-    @pytest.mark.parametrize("after", [0, 2, 5, 6, 8])
+    @pytest.mark.parametrize("after", [0, 2, 3, 5, 6, 8])
     def test_every_whole_episode_is_kept_and_resumed_equals_uninterrupted(self, tmp_path: Path, after: int) -> None:
-        """Asked after each of six training and five final episodes; checkpoints are due after every second one."""
-        config = CONFIG.model_copy(update={"final_episodes": 5})
+        """Asked after each of six training and five final episodes; checkpoints are due after every second one.
+
+        After four the reward switches, and new critics catch up.
+        """
+        config = CONFIG.model_copy(update={"final_episodes": 5, "reset": "critics", "reset_updates": 5})
         whole, stopped = (run_specs(tmp_path / name, ("dense2sparse", "sparse"), config) for name in ("a", "b"))
         trained(whole)
         with pytest.raises(KeyboardInterrupt):
