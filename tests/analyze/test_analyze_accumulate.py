@@ -85,56 +85,56 @@ def one_run(root: Path, seed: int = 0, scheme: str = "dense", **estimator: Any) 
     return report(root)
 
 
-def test_a_rerun_replaces_what_was_there(tmp_path: Path) -> None:
-    earlier, later = one_run(tmp_path / "a"), tmp_path / "b"
+@pytest.fixture(scope="module")
+def dense(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Evidence of one dense run."""
+    return one_run(tmp_path_factory.mktemp("dense") / "root")
+
+
+def test_a_rerun_replaces_what_was_there(dense: Path, tmp_path: Path) -> None:
+    later = tmp_path / "b"
     estimator = write_estimator(later, dataset=write_dataset(later))
     write_run(later, scheme="dense", outcome=(12.5, 0.25), estimator=estimator)
-    accumulate(earlier, report(later), tmp_path / "both")
+    accumulate(dense, report(later), tmp_path / "both")
     assert [row["mean_return"] for row in committed(tmp_path / "both", "outcomes")] == [12.5]
 
 
-def test_estimators_made_anew_are_told_apart(tmp_path: Path) -> None:
-    """By one configuration another machine makes another estimator; the same one again is no third."""
-    parts = [one_run(tmp_path / "a"), one_run(tmp_path / "b", scheme="sparse", error=0.0171)]
-    both, again = tmp_path / "both", tmp_path / "again"
-    accumulate(*parts, both)
-    accumulate(both, parts[1], again)
-    for out in (both, again):
-        assert_follows(out)
-        errors = {row["estimator"]: row["test_mean_error"] for row in committed(out, "estimators")}
-        assert errors == {"resnet": 0.0152, "resnet (2)": 0.0171}
-        assert {row["estimator"] for row in committed(out, "estimator-epochs")} == set(errors)
-        used = {row["scheme"]: row["estimator"] for row in committed(out, "runs")}
-        assert used == {"dense": "resnet", "sparse": "resnet (2)"}
-        assert "one estimator, these runs have 2: resnet in reach at 0° (dense); resnet (2) in reach" in read_me(out)
-    third = one_run(tmp_path / "c", scheme="oracle", error=0.0133)
-    accumulate(again, third, tmp_path / "three")
-    assert [row["estimator"] for row in committed(tmp_path / "three", "estimators")][2] == "resnet (3)"
+def test_estimators_made_anew_are_told_apart(dense: Path, tmp_path: Path) -> None:
+    """By one configuration another machine makes another estimator."""
+    both = tmp_path / "both"
+    accumulate(dense, one_run(tmp_path / "b", scheme="sparse", error=0.0171), both)
+    assert_follows(both)
+    errors = {row["estimator"]: row["test_mean_error"] for row in committed(both, "estimators")}
+    assert errors == {"resnet": 0.0152, "resnet (2)": 0.0171}
+    assert {row["estimator"] for row in committed(both, "estimator-epochs")} == set(errors)
+    used = {row["scheme"]: row["estimator"] for row in committed(both, "runs")}
+    assert used == {"dense": "resnet", "sparse": "resnet (2)"}
+    assert "one estimator, these runs have 2: resnet in reach at 0° (dense); resnet (2) in reach" in read_me(both)
 
 
-def test_another_configuration_of_the_same_name_is_refused(tmp_path: Path) -> None:
+def test_another_configuration_of_the_same_name_is_refused(dense: Path, tmp_path: Path) -> None:
     other = one_run(tmp_path / "b", scheme="sparse", config={"perception": {"epochs": 29}})
     with pytest.raises(ConfigError, match=r"estimators/resnet was made by another configuration .*--name"):
-        accumulate(one_run(tmp_path / "a"), other, tmp_path / "both")
+        accumulate(dense, other, tmp_path / "both")
 
 
-def test_seeds_of_a_group_are_not_split(tmp_path: Path) -> None:
-    earlier, later = one_run(tmp_path / "a", seed=0), one_run(tmp_path / "b", seed=1)
+def test_seeds_of_a_group_are_not_split(dense: Path, tmp_path: Path) -> None:
+    later = one_run(tmp_path / "b", seed=1)
     with pytest.raises(ConfigError, match=r"study/reach-dense-orbit00-seed0\): the seeds of one group"):
-        accumulate(earlier, later, tmp_path / "both")
+        accumulate(dense, later, tmp_path / "both")
 
 
-def test_evidence_of_an_older_version_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_evidence_of_an_older_version_is_refused_and_left_alone(dense: Path, tmp_path: Path) -> None:
     old = Path(__file__).parents[2] / "results" / "laptop-studies"
     shutil.copytree(old, tmp_path / "old")
     before = {path: path.read_bytes() for path in (tmp_path / "old").rglob("*") if path.is_file()}
     with pytest.raises(ConfigError, match="another version"):
-        copy_evidence(one_run(tmp_path / "a"), tmp_path / "old", accumulate=True)
+        copy_evidence(dense, tmp_path / "old", accumulate=True)
     assert before == {path: path.read_bytes() for path in (tmp_path / "old").rglob("*") if path.is_file()}
 
 
-def test_the_first_sitting_needs_no_earlier_one_and_a_damaged_one_is_named(tmp_path: Path) -> None:
-    made, kept = one_run(tmp_path / "a"), tmp_path / "kept"
+def test_the_first_sitting_needs_no_earlier_one_and_a_damaged_one_is_named(dense: Path, tmp_path: Path) -> None:
+    made, kept = dense, tmp_path / "kept"
     copy_evidence(made, kept, accumulate=True)
     assert (kept / "README.md").read_bytes() == (made / "README.md").read_bytes()
     (kept / "NOTES.md").write_text("by hand")

@@ -78,6 +78,13 @@ def test_estimators_go_with_the_last_run_that_had_them() -> None:
     assert told_apart(old, new)["runs"].rows[0]["estimator"] == "resnet (2)"
 
 
+def test_an_estimator_is_the_third_where_it_is_neither_of_two() -> None:
+    old = answers(estimators=[{"estimator": name, "e": e} for name, e in (("resnet", 1), ("resnet (2)", 2))])
+    for error, label in ((1, "resnet"), (2, "resnet (2)"), (3, "resnet (3)")):
+        new = answers(estimators=[{"estimator": "resnet", "e": error}], runs=[run("dense")])
+        assert {row["estimator"] for each in told_apart(old, new).values() for row in each.rows} == {label}
+
+
 def test_a_study_beside_main_runs_with_another_estimator_says_so() -> None:
     """The variant was trained in the first sitting, the main runs of the same setting in the second."""
     variant = run("dense2sparse", "laptop-touch-none")
