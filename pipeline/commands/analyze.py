@@ -33,7 +33,8 @@ def analyze(
     studies of the configuration whose runs lie beside it, NAME-STUDY-VALUE.
 
     With --accumulate, --evidence adds to an earlier evidence what is new, for studies whose runs are trained in several
-    sittings or on several machines: all seeds of a task, scheme and misalignment in one, with the same estimator.
+    sittings or on several machines: all seeds of a task, scheme and misalignment in one. Estimators made anew by the
+    same configuration are told apart.
     """
     from pipeline.commands.results import note_left_out, report_json, session, show_outcome, show_plan
     from pipeline.evidence import check_directory, copy_evidence, planned_copy

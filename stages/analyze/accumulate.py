@@ -78,8 +78,9 @@ def _older(directory: Path) -> ConfigError:
 
 def _check_descent(before: Provenance, now: Provenance) -> None:
     """Runs of several sittings are compared as if datasets and estimators of a name were made in the same way."""
-    configs = {record.id: record.config_sha256 for record in before.artifacts if not record.id.startswith("runs/")}
-    for record in now.artifacts:
+    runs = records.ids_of_runs(now.artifacts)
+    configs = {record.id: record.config_sha256 for record in records.without(before.artifacts, runs)}
+    for record in (record for record in now.artifacts if record.id not in runs):
         if configs.get(record.id, record.config_sha256) != record.config_sha256:
             raise ConfigError(
                 f"{record.id} was made by another configuration than the one that the earlier evidence has by this "
@@ -112,7 +113,7 @@ def _inputs(directory: Path) -> dict[str, Any]:
 
 
 def _write(out: Path, told: Provenance, answers: dict[str, Answer], sources: Sequence[Path]) -> None:
-    """The evidence of `answers`; of pictures and configuration's inputs those of the last of `sources`."""
+    """The evidence of `answers`; of pictures the last of `sources`, of inputs' configuration what is alike in all."""
     for directory in (out / "figures", out / "tables"):
         directory.mkdir(parents=True)
     derived = derive(told.analysis, told.asked, answers)

@@ -110,9 +110,9 @@ def together(earlier: Provenance, later: Provenance) -> Provenance:
     those of the later sitting that had any of it.
     """
     environments = provenance.distinct([*earlier.environments, *later.environments])
-    runs = {record.id for record in later.artifacts if record.id.startswith("runs/")}
+    runs = ids_of_runs(later.artifacts)
     placed = [
-        *(record.moved(earlier.environments, environments) for record in _without(earlier.artifacts, runs)),
+        *(record.moved(earlier.environments, environments) for record in without(earlier.artifacts, runs)),
         *(record.moved(later.environments, environments) for record in later.artifacts),
     ]
     names = {id.split("/")[1] for id in runs}
@@ -127,13 +127,19 @@ def together(earlier: Provenance, later: Provenance) -> Provenance:
     )
 
 
-def _without(records: Sequence[Record], runs: Set[str]) -> list[Record]:
-    """Without these runs, and without what only they descend from."""
+def ids_of_runs(records: Sequence[Record]) -> set[str]:
+    """The runs among the records."""
+    return {record.id for record in records if record.id.startswith("runs/")}
+
+
+def without(records: Sequence[Record], runs: Set[str]) -> list[Record]:
+    """Without these runs, and without what only they descend from, other runs excepted."""
     by_pin = {(record.id, record.manifest_sha256): record for record in records}
     kept = [record for record in records if record.id not in runs]
+    others = ids_of_runs(kept)
     gone = _ancestors([record for record in records if record.id in runs], by_pin)
-    gone -= _ancestors([record for record in kept if record.id.startswith("runs/")], by_pin)
-    return [record for record in kept if (record.id, record.manifest_sha256) not in gone]
+    gone -= _ancestors([record for record in kept if record.id in others], by_pin)
+    return [record for record in kept if record.id in others or (record.id, record.manifest_sha256) not in gone]
 
 
 def _ancestors(records: Sequence[Record], by_pin: Mapping[tuple[str, str], Record]) -> set[tuple[str, str]]:

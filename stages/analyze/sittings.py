@@ -152,10 +152,12 @@ def told_apart(old: Mapping[str, Answer], new: Mapping[str, Answer]) -> dict[str
 
 
 def _label(estimator: Row, known: Mapping[str, Row]) -> str:
-    """`laptop`, or `laptop (2)` where that is another one."""
+    """The one by which it is known, else `laptop`, or `laptop (2)` where that is another one."""
     name = str(estimator["estimator"])
-    labels = chain([name], (f"{name} ({number})" for number in count(2)))
-    return next(label for label in labels if label not in known or known[label] == estimator | {"estimator": label})
+    mine = {label: row for label, row in known.items() if label == name or label.startswith(f"{name} (")}
+    same = [label for label, row in mine.items() if row | {"estimator": name} == estimator]
+    free = (label for label in chain([name], (f"{name} ({number})" for number in count(2))) if label not in mine)
+    return next(chain(same, free))
 
 
 def _relabelled(row: Row, labels: Mapping[str, str]) -> Row:

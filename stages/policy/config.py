@@ -51,7 +51,7 @@ class TD3Config(Config):
     buffer_size: Annotated[int, Field(ge=1, le=1_000_000_000)] = 1_000_000
     """Transitions kept for replay, oldest dropped first."""
     precision: Precision = "bfloat16"
-    """Arithmetic of the hidden layers in updates; float32 where a CPU has no bfloat16."""
+    """Arithmetic of the hidden layers in updates; float32 where a CPU does not multiply bfloat16."""
 
 
 Size = Annotated[float, Field(ge=1e-6, le=1e6)]

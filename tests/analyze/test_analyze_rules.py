@@ -109,6 +109,13 @@ def test_spread_is_judged_by_its_sign_and_said_not_to_be_shown(ours: tuple[float
     assert (alone.verdict, alone.note) == ("not reproduced", "one seed has no spread")
 
 
+def test_critics_that_catch_up_are_another_treatment() -> None:
+    changes = {"buffer": "relabel", "reset": "critics"}
+    assert group("dense2sparse", (100.0,), **changes, reset_updates=0).treatment == "relabel, critics"
+    caught_up = group("dense2sparse", (100.0,), **changes, reset_updates=4000).treatment
+    assert caught_up == "relabel, critics caught up by 4000 updates"
+
+
 def test_learning_is_measured_by_the_share_of_its_own_final_level() -> None:
     """Both learn equally fast; one gets twice as far."""
     low, high = group("dense", (100.0,)), group("dense2sparse", (200.0,))

@@ -83,6 +83,10 @@ def test_an_estimator_is_the_third_where_it_is_neither_of_two() -> None:
     for error, label in ((1, "resnet"), (2, "resnet (2)"), (3, "resnet (3)")):
         new = answers(estimators=[{"estimator": "resnet", "e": error}], runs=[run("dense")])
         assert {row["estimator"] for each in told_apart(old, new).values() for row in each.rows} == {label}
+    old = answers(estimators=[{"estimator": "resnet (3)", "e": 3}])  # the others went with their last runs
+    for error, label in ((3, "resnet (3)"), (1, "resnet")):
+        new = answers(estimators=[{"estimator": "resnet", "e": error}])
+        assert told_apart(old, new)["estimators"].rows[0]["estimator"] == label
 
 
 def test_a_study_beside_main_runs_with_another_estimator_says_so() -> None:
@@ -127,6 +131,14 @@ def test_provenance_forgets_what_only_replaced_runs_descend_from() -> None:
     kept = {("datasets/a", "d"), ("datasets/b", "b"), ("estimators/b", "e2"), ("runs/x/2", "r2")}
     assert found == kept | {("estimators/a", "e3"), ("runs/x/1", "r3")}
     assert both.accumulated
+
+
+def test_a_run_that_a_replaced_one_learnt_from_is_kept() -> None:
+    estimator = record("estimators/a", "e")
+    source = record("runs/x/1", "r1", estimator)
+    offline = record("runs/off/1", "r2", source, estimator)
+    both = together(told(estimator, source, offline), told(record("runs/off/1", "r3")))
+    assert {each.id for each in both.artifacts} == {"estimators/a", "runs/x/1", "runs/off/1"}
 
 
 def test_what_an_earlier_sitting_left_out_is_not_forgotten() -> None:

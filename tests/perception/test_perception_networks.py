@@ -6,6 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stages import device as device_file
 from stages.device import arithmetic
 from stages.perception import frozen
 from stages.perception.normalisation import Normalisation, measure
@@ -71,12 +72,13 @@ def test_freezing_leaves_the_network_as_it_was(network, images):
         ({"architecture": "x86_64", "avx512_bf16": False, "amx_bf16": False}, torch.float32),
         ({"architecture": "x86_64", "avx512_bf16": True, "amx_bf16": False}, torch.bfloat16),
         ({"architecture": "x86_64", "avx512_bf16": False, "amx_bf16": True}, torch.bfloat16),
-        ({"architecture": "aarch64"}, torch.bfloat16),
+        ({"architecture": "arm64"}, torch.bfloat16),
     ],
 )
 def test_bfloat16_is_for_cpus_that_multiply_it(monkeypatch, capabilities, expected):
     """oneDNN calls it supported wherever there is AVX-512, where it is slower than float32."""
-    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: True)
+    monkeypatch.setattr(device_file, "has_onednn", lambda device: True)
+    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: True, raising=False)
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities)
     assert arithmetic("bfloat16", CPU) is expected
 

@@ -55,6 +55,13 @@ def test_features_are_those_of_the_network_within_a_few_percent(network: ResNet3
     assert not torch.equal(found, expected)
 
 
+@pytest.mark.parametrize(("vnni", "largest"), [(True, 127), (False, 64)])
+def test_weights_have_8_bits_where_sums_have_32(vnni: bool, largest: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_f": True, "avx512_vnni": vnni})
+    assert quantised._largest_weight() == largest
+    assert vnni or 2 * 255 * largest < 2**15
+
+
 @needs_integers
 def test_sums_of_the_largest_weights_and_activations_are_not_cut_off() -> None:
     """64 channels of 3 × 3 ones times ones make 576; CPUs without VNNI add two products in 16 bits."""
