@@ -1,6 +1,7 @@
 """The part of a report that is kept with the source: copied to a directory outside the data root."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,13 +20,16 @@ def parts() -> tuple[str, ...]:
     return PARTS
 
 
-def check_directory(directory: Path | None, data: Path, accumulate: bool = False) -> None:
+def check_directory(directory: Path | None, data: Path, accumulate: bool = False, runs: Sequence[str] = ()) -> None:
     """Refuse, before any work, a directory that the evidence could not be copied to; None: none is asked for.
+
+    `runs` are the ids of those that the evidence will be of.
 
     Raises:
         ArtifactError: an earlier evidence to `accumulate` in is damaged.
         ConfigError: it overlaps the data root, is no directory, or holds files of the same names that are no evidence;
-            or there is nothing to `accumulate` in, or an evidence of an older version.
+            or there is nothing to `accumulate` in, an evidence of an older version, or one that has other seeds of
+            `runs`.
         MachineError: it cannot be written to.
     """
     if directory is None:
@@ -48,15 +52,17 @@ def check_directory(directory: Path | None, data: Path, accumulate: bool = False
     if not os.access(there, os.W_OK | os.X_OK):
         raise MachineError(_unwritable(directory, "permission denied"))
     if accumulate and (target / MARK).exists():
-        _check_earlier(directory)
+        _check_earlier(directory, runs)
 
 
-def _check_earlier(directory: Path) -> None:
-    from stages.analyze.accumulate import read_earlier
+def _check_earlier(directory: Path, runs: Sequence[str] = ()) -> None:
+    from stages.analyze.accumulate import check_runs, read_earlier
+    from stages.analyze.results import rows_of
 
     if missing := [part for part in parts() if not (directory / part).exists()]:
         raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
-    read_earlier(directory)
+    earlier = [row["run"] for row in rows_of(read_earlier(directory)[1], "runs")]
+    check_runs(earlier, [run.removeprefix("runs/") for run in runs])
 
 
 def planned_copy(directory: Path | None, accumulate: bool = False) -> list[dict[str, str]]:

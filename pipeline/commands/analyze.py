@@ -42,8 +42,8 @@ def analyze(
     from pipeline.steps.session import planned
 
     work = session(options)
-    check_directory(evidence, options.data, accumulate)
     subject = step.subject(work, runs, estimators, base=_base(runs))
+    check_directory(evidence, options.data, accumulate, [*subject.runs, *subject.studies.runs])
     if options.dry_run:
         plan = planned(work, step.request(work, options.artifact_name, subject))
         show_plan(

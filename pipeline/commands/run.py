@@ -44,12 +44,12 @@ def run(
     from pipeline.commands.results import failure_message, note_left_out, session, show_plan
     from pipeline.evidence import check_directory, copy_evidence, planned_copy
     from pipeline.output import console, print_json
-    from pipeline.steps.chain import plan, run_chain
+    from pipeline.steps.chain import plan, run_chain, runs_of
     from schemas.errors import MachineError
 
     options = _with_profile(options, profile_name)
     work = session(options, resume=True)
-    check_directory(evidence, options.data, accumulate)
+    check_directory(evidence, options.data, accumulate, runs_of(work, options.artifact_name, studies))
     if options.dry_run:
         show_plan(options, "run", [*plan(work, options.artifact_name, studies), *planned_copy(evidence, accumulate)])
         return

@@ -104,6 +104,11 @@ def _check(matrices: Sequence[Matrix], estimator: str) -> None:
         policy.check(matrix, estimator)
 
 
+def runs_of(session: Session, name: str, asked: Sequence[str] = ()) -> list[str]:
+    """Ids of the runs of the matrix and of the studies asked for."""
+    return [each for matrix in _matrices(session, name, asked) for each in _cells(matrix.session, matrix.name)]
+
+
 def _cells(session: Session, name: str) -> list[str]:
     """Ids of the runs of a matrix."""
     return [f"runs/{name}/{cell.name}" for cell in cells(session.config.policy)]

@@ -4,7 +4,7 @@ How their answers become one is `stages.analyze.sittings`; everything else follo
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -17,8 +17,8 @@ from stages.analyze.drawn import draw
 from stages.analyze.figures import cameras, export
 from stages.analyze.records import Provenance
 from stages.analyze.resolved import INPUTS, shared
-from stages.analyze.results import IDENTITY, Answer, Row, rows_of
-from stages.analyze.sittings import ABOUT, key_of, together, told_apart, without
+from stages.analyze.results import Answer, rows_of
+from stages.analyze.sittings import ABOUT, together, told_apart, without
 
 
 def accumulate(earlier: Path, later: Path, out: Path) -> None:
@@ -31,7 +31,7 @@ def accumulate(earlier: Path, later: Path, out: Path) -> None:
     """
     (before, old), (now, new) = read_earlier(earlier), _read(later)
     _check_descent(before, now)
-    _check_groups(rows_of(old, "runs"), rows_of(new, "runs"))
+    check_runs(*([run["run"] for run in rows_of(each, "runs")] for each in (old, new)))
     old = without(old, rows_of(new, "runs"))
     new = told_apart(old, new)
     told = records.together(before, now)
@@ -48,6 +48,28 @@ def read_earlier(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
     told, answers = _read(directory)
     _check_version(directory, answers)
     return told, answers
+
+
+def check_runs(earlier: Iterable[str], later: Iterable[str]) -> None:
+    """A group's means are over its seeds, so those of one group have to be analysed together.
+
+    Raises:
+        ConfigError: `later` has some of the `earlier` runs NAME/CELL that differ in nothing but the seed, not all.
+    """
+    there, here = _seeds(earlier), _seeds(later)
+    for group in there.keys() & here.keys():
+        if missing := there[group] - here[group]:
+            raise ConfigError(
+                f"of {group} the earlier evidence has runs that are not among those of now "
+                f"({', '.join(sorted(missing))}): the seeds of one group have to be analysed together"
+            )
+
+
+def _seeds(runs: Iterable[str]) -> dict[str, set[str]]:
+    found: dict[str, set[str]] = {}
+    for run in runs:
+        found.setdefault(run.rpartition("-seed")[0], set()).add(run)
+    return found
 
 
 def _read(directory: Path) -> tuple[Provenance, dict[str, Answer]]:
@@ -86,24 +108,6 @@ def _check_descent(before: Provenance, now: Provenance) -> None:
                 f"{record.id} was made by another configuration than the one that the earlier evidence has by this "
                 "name: give one of them another name, with --name"
             )
-
-
-def _check_groups(old: Sequence[Row], new: Sequence[Row]) -> None:
-    """A group's means are over its seeds, so those of one group have to be analysed together."""
-    there, here = _seeds(old), _seeds(new)
-    for group in there.keys() & here.keys():
-        if missing := there[group] - here[group]:
-            raise ConfigError(
-                f"of {'/'.join(map(str, group))} the earlier evidence has runs that are not under this data root "
-                f"({', '.join(sorted(missing))}): the seeds of one group have to be analysed together"
-            )
-
-
-def _seeds(runs: Sequence[Row]) -> dict[tuple[Any, ...], set[str]]:
-    found: dict[tuple[Any, ...], set[str]] = {}
-    for run in runs:
-        found.setdefault(key_of(run, IDENTITY), set()).add(run["run"])
-    return found
 
 
 def _inputs(directory: Path) -> dict[str, Any]:

@@ -120,8 +120,20 @@ def test_another_configuration_of_the_same_name_is_refused(dense: Path, tmp_path
 
 def test_seeds_of_a_group_are_not_split(dense: Path, tmp_path: Path) -> None:
     later = one_run(tmp_path / "b", seed=1)
-    with pytest.raises(ConfigError, match=r"study/reach-dense-orbit00-seed0\): the seeds of one group"):
+    with pytest.raises(ConfigError, match=r"those of now \(study/reach-dense-orbit00-seed0\): the seeds of one group"):
         accumulate(dense, later, tmp_path / "both")
+
+
+def test_split_seeds_are_refused_before_any_work(dense: Path, tmp_path: Path) -> None:
+    copy_evidence(dense, tmp_path / "kept")
+    for runs in (
+        [],
+        ["runs/study/reach-dense-orbit00-seed0", "runs/study/reach-dense-orbit00-seed1"],
+        ["runs/x/y-seed1"],
+    ):
+        check_directory(tmp_path / "kept", tmp_path / "data", True, runs)
+    with pytest.raises(ConfigError, match="the seeds of one group"):
+        check_directory(tmp_path / "kept", tmp_path / "data", True, ["runs/study/reach-dense-orbit00-seed1"])
 
 
 def test_evidence_of_an_older_version_is_refused_and_left_alone(dense: Path, tmp_path: Path) -> None:
