@@ -55,14 +55,18 @@ def check_directory(directory: Path | None, data: Path, accumulate: bool = False
         _check_earlier(directory, runs)
 
 
-def _check_earlier(directory: Path, runs: Sequence[str] = ()) -> None:
+def _check_earlier(directory: Path, runs: Sequence[str]) -> None:
     from stages.analyze.accumulate import check_runs, read_earlier
     from stages.analyze.results import rows_of
 
-    if missing := [part for part in parts() if not (directory / part).exists()]:
-        raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
+    _require_parts(directory)
     earlier = [row["run"] for row in rows_of(read_earlier(directory)[1], "runs")]
     check_runs(earlier, [run.removeprefix("runs/") for run in runs])
+
+
+def _require_parts(directory: Path) -> None:
+    if missing := [part for part in parts() if not (directory / part).exists()]:
+        raise ArtifactError(f"--evidence {directory} is damaged, it has no {missing[0]}: restore it, or remove it")
 
 
 def planned_copy(directory: Path | None, accumulate: bool = False) -> list[dict[str, str]]:
@@ -105,7 +109,7 @@ def _with_earlier(report: Path, directory: Path, together: Path) -> Path:
 
     if not (directory / MARK).exists():
         return report
-    _check_earlier(directory)
+    _require_parts(directory)
     accumulate(directory, report, together)
     return together
 

@@ -56,10 +56,11 @@ def run(
     chain = run_chain(work, options.artifact_name, studies, None if options.quiet else _announce)
     note_left_out(options, chain.left_out)
     message = failure_message(chain.cells)
-    if not options.as_json and not options.quiet:
+    shown = not options.as_json and not options.quiet
+    if shown:
         _show(chain)
     copy_evidence(chain.report.parent, evidence, accumulate)
-    if evidence and not options.as_json and not options.quiet:
+    if shown and evidence:
         console().print(f"[bold]Evidence[/]   {evidence}", soft_wrap=True)
     if message:
         raise MachineError(message)

@@ -2,12 +2,15 @@
 
 import json
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from pipeline.cli import cli
 from pipeline.evidence import check_directory, copy_evidence
 from schemas.errors import ArtifactError, ConfigError
 from schemas.progress import Silent
@@ -79,7 +82,7 @@ def test_a_part_once_more_changes_nothing(sittings: tuple[Path, Path, Path], tmp
         assert ordered(committed(tmp_path / "again", path.stem)) == ordered(committed(once, path.stem)), path.stem
 
 
-def one_run(root: Path, seed: int = 0, scheme: str = "dense", **estimator: Any) -> Path:
+def one_run(root: Path, scheme: str = "dense", seed: int = 0, **estimator: Any) -> Path:
     made = write_estimator(root, dataset=write_dataset(root), **estimator)
     write_run(root, scheme=scheme, seed=seed, estimator=made)
     return report(root)
@@ -122,6 +125,23 @@ def test_seeds_of_a_group_are_not_split(dense: Path, tmp_path: Path) -> None:
     later = one_run(tmp_path / "b", seed=1)
     with pytest.raises(ConfigError, match=r"those of now \(study/reach-dense-orbit00-seed0\): the seeds of one group"):
         accumulate(dense, later, tmp_path / "both")
+
+
+def test_the_configuration_is_what_inputs_of_other_names_share(tmp_path: Path) -> None:
+    """Two estimators that differ in one key of [perception]: that key is nobody's."""
+    parts = [
+        one_run(tmp_path / name, scheme, name=name, config={"perception": {"epochs": epochs, "batch_size": 32}})
+        for name, scheme, epochs in (("a", "dense", 8), ("b", "sparse", 9))
+    ]
+    accumulate(parts[0], parts[1], tmp_path / "both")
+    assert tomllib.loads((tmp_path / "both" / "config.toml").read_text())["perception"] == {"batch_size": 32}
+
+
+def test_a_command_refuses_split_seeds_before_any_work(dense: Path, tmp_path: Path) -> None:
+    copy_evidence(dense, tmp_path / "kept")
+    asked = ["run", "demo", "--name", "study", "--set", "policy.seeds=[1]", "--data", str(tmp_path / "data")]
+    done = CliRunner().invoke(cli, [*asked, "--evidence", str(tmp_path / "kept"), "--accumulate", "--dry-run"])
+    assert (done.exit_code, "the seeds of one group" in done.output) == (2, True), done.output
 
 
 def test_split_seeds_are_refused_before_any_work(dense: Path, tmp_path: Path) -> None:
