@@ -13,6 +13,7 @@ from schemas.files import write_bytes
 from schemas.manifest import Code
 from stages.analyze import formats, paper, provenance, records
 from stages.analyze.derived import Derived, derive, estimator_errors
+from stages.analyze.endings import MEANINGS, pooled
 from stages.analyze.limits import limits
 from stages.analyze.records import Provenance
 from stages.analyze.region_sentences import region_sentences
@@ -88,6 +89,8 @@ def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -
         estimator_errors=estimator_errors(answers),
         misalignments=rows_of(answers, "estimator-misalignment"),
         correlations=rows_of(answers, "region-correlation"),
+        endings=pooled(rows_of(answers, "endings")),
+        meanings=MEANINGS,
         regions=region_sentences(rows_of(answers, "regions")),
         episodes=total(answers, "volume", "episodes"),
         transitions=total(answers, "volume", "transitions"),

@@ -12,6 +12,7 @@ from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived
 from stages.analyze.drawn import Drawn
+from stages.analyze.endings import MEANINGS, pooled
 from stages.analyze.figures import cameras
 from stages.analyze.limits import limits
 from stages.analyze.results import Answer, rows_of
@@ -69,6 +70,8 @@ def render(contents: Contents) -> str:
         rules=RULES,
         studies=_studies(contents),
         region_figures=contents.drawn.regions,
+        endings=pooled(rows_of(contents.answers, "endings")),
+        meanings=MEANINGS,
         correlations=rows_of(contents.answers, "region-correlation"),
         comparisons=contents.derived.comparisons,
         cameras=[{"title": cameras.title(path), "uri": _data_uri(path)} for path in contents.cameras],
@@ -98,6 +101,7 @@ def _sections(contents: Contents, policy: Sequence[dict[str, Any]]) -> list[tupl
         ("estimator", "Estimator", contents.drawn.estimator),
         ("cameras", "Camera settings", contents.cameras),
         *((section["id"], section["title"], section["figures"]) for section in policy),
+        ("endings", "Endings", rows_of(contents.answers, "endings")),
         ("regions", "Regions of the table", contents.drawn.regions),
         ("switch", "Effect of the switch", contents.derived.switches),
         ("claims", "The paper's claims", contents.derived.groups),

@@ -22,6 +22,7 @@ ABOUT = {
     "outcomes": _RUN,
     "learning-area": _RUN,
     "volume": _RUN,
+    "endings": _RUN,
     "episodes-behind": _RUN,
     "learning-curves": IDENTITY,
     "switch-effect": IDENTITY,

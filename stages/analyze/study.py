@@ -8,7 +8,7 @@ import duckdb
 
 from schemas.errors import ArtifactError, ConfigError
 from schemas.progress import Progress, Silent, Task
-from stages.analyze import questions, region_questions, study_questions
+from stages.analyze import endings, questions, region_questions, study_questions
 from stages.analyze.catalogue import Artifact, artifacts, select
 from stages.analyze.query import query
 from stages.analyze.results import Answer, Row
@@ -22,6 +22,7 @@ _OF_RUNS = {
     "switches": questions.SWITCHES,
     "switch-effect": questions.SWITCH_EFFECT,
     "reward-error": questions.REWARD_ERROR,
+    "endings": endings.ENDINGS,
     "regions": region_questions.REGIONS,
     "region-correlation": region_questions.REGION_CORRELATION,
     "volume": questions.VOLUME,
