@@ -11,9 +11,8 @@ import jinja2
 
 from schemas.files import write_bytes
 from schemas.manifest import Code
-from stages.analyze import formats, paper, provenance, records
+from stages.analyze import endings, formats, paper, provenance, records
 from stages.analyze.derived import Derived, derive, estimator_errors
-from stages.analyze.endings import MEANINGS, pooled
 from stages.analyze.limits import limits
 from stages.analyze.records import Provenance
 from stages.analyze.region_sentences import region_sentences
@@ -89,8 +88,8 @@ def _readme(told: Provenance, answers: Mapping[str, Answer], derived: Derived) -
         estimator_errors=estimator_errors(answers),
         misalignments=rows_of(answers, "estimator-misalignment"),
         correlations=rows_of(answers, "region-correlation"),
-        endings=pooled(rows_of(answers, "endings")),
-        meanings=MEANINGS,
+        ended=rows_of(answers, "endings"),
+        endings=endings,
         regions=region_sentences(rows_of(answers, "regions")),
         episodes=total(answers, "volume", "episodes"),
         transitions=total(answers, "volume", "transitions"),

@@ -4,8 +4,7 @@ import math
 from typing import Any
 
 from stages.analyze.claims import Quantity
-from stages.analyze.endings import Ending
-from stages.analyze.results import misalignment
+from stages.analyze.results import Row, misalignment
 from stages.analyze.statistics import Summary
 from stages.analyze.verdicts import Judged
 
@@ -103,9 +102,11 @@ def camera(item: Any) -> str:
     return misalignment(row["misalignment_kind"], row["misalignment_deg"])
 
 
-def ended(ending: Ending) -> str:
-    """Share of the episodes that end so, and what they earn; – where none does."""
-    return "–" if ending.mean_return is None else f"{figure(ending.share, 1, 100)} % ({figure(ending.mean_return, 0)})"
+def share_ending(row: Row, ending: str) -> str:
+    """Share of a group's episodes that end so, and what they earn; – where none does."""
+    if not row[ending]:
+        return "–"
+    return f"{figure(row[ending] / row['episodes'], 1, 100)} % ({figure(row[f'{ending}_return'], 0)})"
 
 
 FILTERS = {
@@ -118,5 +119,5 @@ FILTERS = {
     "quantity_interval": quantity_interval,
     "deciding": deciding,
     "camera": camera,
-    "ended": ended,
+    "share_ending": share_ending,
 }

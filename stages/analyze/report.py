@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stages.analyze import page, paper, provenance
+from stages.analyze import endings, page, paper, provenance
 from stages.analyze.behind import Recording
 from stages.analyze.catalogue import Artifact
 from stages.analyze.config import AnalyzeConfig
 from stages.analyze.derived import Derived
 from stages.analyze.drawn import Drawn
-from stages.analyze.endings import MEANINGS, pooled
 from stages.analyze.figures import cameras
 from stages.analyze.limits import limits
 from stages.analyze.results import Answer, rows_of
@@ -70,8 +69,8 @@ def render(contents: Contents) -> str:
         rules=RULES,
         studies=_studies(contents),
         region_figures=contents.drawn.regions,
-        endings=pooled(rows_of(contents.answers, "endings")),
-        meanings=MEANINGS,
+        ended=rows_of(contents.answers, "endings"),
+        endings=endings,
         correlations=rows_of(contents.answers, "region-correlation"),
         comparisons=contents.derived.comparisons,
         cameras=[{"title": cameras.title(path), "uri": _data_uri(path)} for path in contents.cameras],

@@ -9,7 +9,7 @@ from schemas import tables
 from schemas.files import write_parquet
 from schemas.progress import Silent
 from stages.analyze.config import AnalyzeConfig
-from stages.analyze.endings import MEANINGS, Ending, pooled
+from stages.analyze.endings import MEANINGS
 from stages.analyze.results import Row
 from stages.analyze.run import run
 from stages.analyze.study import ask_all, choose
@@ -26,12 +26,12 @@ EPISODES = {  # steps in which the task is done, of 40; rise of the cube [m]; re
 }
 
 
-def write_final(root: Path, seed: int, endings: list[str]) -> None:
-    """A run of lift whose final episodes end so; its training episodes are as good as can be."""
-    cell = f"lift-oracle-orbit00-seed{seed}"
+def write_final(root: Path, seed: int, endings: list[str], task: str = "lift") -> None:
+    """A run whose final episodes end so; its training episodes are as good as can be."""
+    cell = f"{task}-oracle-orbit00-seed{seed}"
     directory = root / "runs" / "main" / cell
     (directory / "transitions").mkdir(parents=True)
-    identity = {"task": "lift", "scheme": "oracle", "misalignment_kind": "orbit", "misalignment_deg": 0.0, "seed": seed}
+    identity = {"task": task, "scheme": "oracle", "misalignment_kind": "orbit", "misalignment_deg": 0.0, "seed": seed}
     steps: list[dict[str, Any]] = []
     for split, number, ending in [("train", 0, "kept"), *(("final", *each) for each in enumerate(endings))]:
         done, rise, reward = EPISODES[ending]
@@ -49,41 +49,49 @@ def answer(root: Path) -> list[Row]:
     return ask_all(root, choose(root, [], []), Silent())["endings"].rows
 
 
+def ended(row: Row) -> dict[str, tuple[int, float]]:
+    """Of the endings that there are: how many, and what they earn on average."""
+    return {ending: (row[ending], row[f"{ending}_return"]) for ending in MEANINGS if row[ending]}
+
+
 def test_every_ending_by_hand(tmp_path: Path) -> None:
     write_final(tmp_path, 0, [*EPISODES])
-    told = ("episodes", "mean_return", "mean_steps_to_success")
-    rows = {row["ending"]: tuple(row[key] for key in told) for row in answer(tmp_path)}
-    assert rows == {
-        "kept": (1, 80.0, 21.0),
-        "regained": (1, 40.0, 11.0),
-        "lost": (1, 60.0, 11.0),
-        "never": (1, 20.0, None),
-        "fallen": (1, 10.0, 11.0),
+    (row,) = answer(tmp_path)
+    assert row["episodes"] == 5
+    assert ended(row) == {
+        "kept": (1, 80.0),
+        "regained": (1, 40.0),
+        "lost": (1, 60.0),
+        "never": (1, 20.0),
+        "fallen": (1, 10.0),
     }
-    assert set(rows) == set(MEANINGS)
 
 
-@pytest.mark.parametrize(("gap", "ending"), [(2, "kept"), (3, "regained")])
-def test_one_step_in_twenty_may_be_missed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gap: int, ending: str
-) -> None:
-    monkeypatch.setitem(EPISODES, "kept", ([0, *range(1 + gap, 40)], 0.2, 1.0))
-    write_final(tmp_path, 0, ["kept"])
-    assert [row["ending"] for row in answer(tmp_path)] == [ending]
+@pytest.mark.parametrize(
+    ("done", "rise", "ending"),
+    [
+        ([0, *range(3, 40)], 0.0, "kept"),  # 38 of 40 steps
+        ([0, *range(4, 40)], 0.0, "regained"),
+        ([39], 0.0, "kept"),
+        ([*range(40)], -0.04, "kept"),
+        ([*range(40)], -0.06, "fallen"),
+        ([], -0.06, "fallen"),
+    ],
+)
+def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: list[int], rise: float, ending: str) -> None:
+    monkeypatch.setitem(EPISODES, "this", (done, rise, 1.0))
+    write_final(tmp_path, 0, ["this"], task="reach")
+    assert [ended(row) for row in answer(tmp_path)] == [{ending: (1, 40.0)}]
 
 
-def test_a_group_is_its_seeds_episodes_together(tmp_path: Path) -> None:
+def test_seeds_are_counted_together_and_tasks_are_not(tmp_path: Path) -> None:
     write_final(tmp_path, 0, ["kept", "kept", "kept", "lost"])
     write_final(tmp_path, 1, ["lost", "never"])
-    (group,) = pooled(answer(tmp_path))
-    assert (group.task, group.scheme, group.episodes) == ("lift", "oracle", 6)
-    assert group.endings == {
-        "kept": Ending(0.5, 80.0),
-        "regained": Ending(0.0, None),
-        "lost": Ending(2 / 6, 60.0),
-        "never": Ending(1 / 6, 20.0),
-        "fallen": Ending(0.0, None),
-    }
+    write_final(tmp_path, 0, ["never"], task="reach")
+    lift, reach = answer(tmp_path)
+    assert (lift["task"], lift["scheme"], lift["episodes"]) == ("lift", "oracle", 6)
+    assert ended(lift) == {"kept": (3, 80.0), "lost": (2, 60.0), "never": (1, 20.0)}
+    assert (reach["task"], ended(reach)) == ("reach", {"never": (1, 20.0)})
 
 
 def test_report_and_evidence_say_it(tmp_path: Path) -> None:
