@@ -24,7 +24,8 @@ _COLUMNS = ",\n       ".join(
 
 ENDINGS = f"""
 -- how final episodes end, by whether the task is done at the last step (reach: touch or 3 cm; lift: lifted): kept (and
--- done in 19 of 20 steps since it first was), regained, lost, never; fallen: whatever was done, it is off the table
+-- done in 19 of 20 steps since it first was), regained, lost, never; fallen: whatever was done, the cube ends off the
+-- table
 WITH episode AS (
     SELECT run, task, misalignment_kind, misalignment_deg, scheme, episode, sum(reward_dense_true) AS return,
            arg_max(success, step) AS is_done, count(*) FILTER (WHERE success) AS done,
